@@ -1,20 +1,49 @@
 "use strict";
-// The threshold explorer: every figure anew from the counts and frame scores in the page.
+// The threshold explorer: every figure anew from the counts and frame scores in the page. It is part
+// of a template: two braces in a row would be filled in.
 
 const OBSTACLE = 1, CLEAR = 0, UNKNOWN = -1;
-const comparison = JSON.parse(document.getElementById("comparison").textContent);
-const explorer = comparison.explorer;
 
-// A patch's score exceeds thresholds[k] exactly where its rank exceeds k.
-function decode(model) {
-  model.ranks = Uint8Array.from(atob(model.ranks), (byte) => byte.charCodeAt(0));
+/**
+ * The rule of frames: `step` and `now` are steps of a model's thresholds, `margin` and `margin_now`
+ * the same as values; `now` and `margin_now` are null where nothing stops at once.
+ * @typedef { {margin: number, margin_now: ?number, least_patches: number, hits: number,
+ *   window: number}} Rule
+ * @typedef {Pick<Rule, "least_patches" | "hits" | "window"> & {step: number, now: ?number}} StepRule
+ *
+ * `ranks`: of each frame's patches; `judged`: whether the model saw a frame; `white`: patches at once.
+ * @typedef { {ranks: Uint8Array, judged: boolean[], patches: number, white: number,
+ *   thresholds: number[], true_positive: number[], false_positive: number[], rule: Rule}} Model
+ * @typedef { {name: string, start: number, stop: number}} Sequence
+ * @typedef { {models: Record<string, Omit<Model, "ranks"> & {ranks: string}>,
+ *   sequences: Sequence[], obstacle: number,
+ *   frames: {gap: number[], ocean: boolean[], obstacle: boolean[], number: number[]}}} Explorer
+ * @typedef {"precision" | "recall" | "f1"} Figure
+ */
+
+/** @type {Explorer} */
+const explorer = JSON.parse(document.getElementById("comparison")?.textContent ?? "").explorer;
+/** @type {Figure[]} */
+const FIGURES = ["precision", "recall", "f1"];
+
+/**
+ * A model with its ranks: a patch's score exceeds thresholds[k] exactly where its rank exceeds k.
+ * @param {string} name @returns {Model}
+ */
+function decoded(name) {
+  const model = explorer.models[name];
+  return { ...model, ranks: Uint8Array.from(atob(model.ranks), (byte) => byte.charCodeAt(0)) };
 }
 
 // As FrameRuleState of the runtime: what was before the first frame, and in a gap, is unknown.
 // The rule's margins are steps of the model's thresholds here; now is null where it is off.
 class RuleState {
+  /** @param {StepRule} rule @param {number} patches @param {number} white */
   constructor(rule, patches, white) {
-    Object.assign(this, { rule, white, needed: Math.max(rule.least_patches, white) });
+    this.rule = rule;
+    this.white = white;
+    this.needed = Math.max(rule.least_patches, white);
+    /** @type {(?Uint8Array)[]} */
     this.last = new Array(rule.window).fill(null);
     this.counts = new Int16Array(patches);  // known places of the window over the margin
     this.known = 0;
@@ -25,15 +54,20 @@ class RuleState {
     return UNKNOWN;
   }
 
+  /** @param {?Uint8Array} ranks */
   push(ranks) {
-    for (const [place, by] of [[this.last.shift(), -1], [ranks, 1]]) {
-      if (place === null) continue;
-      this.known += by;
-      place.forEach((rank, patch) => { if (rank > this.rule.step) this.counts[patch] += by; });
-    }
+    this.count(this.last.shift() ?? null, -1);
+    this.count(ranks, 1);
     this.last.push(ranks);
   }
 
+  /** @param {?Uint8Array} place @param {number} by */
+  count(place, by) {
+    this.known += place ? by : 0;
+    place?.forEach((rank, patch) => { if (rank > this.rule.step) this.counts[patch] += by; });
+  }
+
+  /** @param {Uint8Array} ranks */
   add(ranks) {
     this.push(ranks);
     const { now, hits, window } = this.rule;
@@ -49,6 +83,7 @@ class RuleState {
   }
 }
 
+/** @param {Model} model @param {StepRule} rule */
 function statuses(model, rule) {
   const found = new Array(model.judged.length);
   for (const { start, stop } of explorer.sequences) {
@@ -62,7 +97,10 @@ function statuses(model, rule) {
   return found;
 }
 
-// The first of three frames in a row with status 1; a gap in the frames breaks a row.
+/**
+ * The first of three frames in a row with status 1; a gap in the frames breaks a row.
+ * @param {number[]} found @param {Sequence} sequence
+ */
 function firstDetection(found, { start, stop }) {
   let row = 0;
   for (let i = start; i < stop; i++) {
@@ -73,9 +111,11 @@ function firstDetection(found, { start, stop }) {
   return null;
 }
 
+/** @param {Model} model @param {number} step @returns {Record<Figure, ?number>} */
 function patchFigures(model, step) {
   const hit = model.true_positive[step], wrong = model.false_positive[step];
   const missed = explorer.obstacle - hit;
+  /** @param {number} part @param {number} whole */
   const ratio = (part, whole) => (whole ? part / whole : null);
   return {
     precision: ratio(hit, hit + wrong),
@@ -84,8 +124,10 @@ function patchFigures(model, step) {
   };
 }
 
+/** @param {Model} model @param {StepRule} rule */
 function frameFigures(model, rule) {
   const found = statuses(model, rule);
+  /** @param {boolean[]} of */
   const count = (of) => of.filter((yes, i) => yes && found[i] === OBSTACLE).length;
   const { ocean, obstacle, number } = explorer.frames;
   const first = explorer.sequences.map((sequence) => {
@@ -96,6 +138,7 @@ function frameFigures(model, rule) {
     const said = at === null ? "none" : `${number[at]}${early ? " (before any labelled obstacle)" : ""}`;
     return name + said;
   });
+  /** @param {boolean[]} of */
   const total = (of) => of.filter(Boolean).length;
   return {
     falseStatus: `${count(ocean)} / ${total(ocean)}`,
@@ -104,27 +147,35 @@ function frameFigures(model, rule) {
   };
 }
 
+/** @param {?number} value */
 const written = (value) => (value === null ? "–" : value.toFixed(3));
 
+/** @param {number[]} thresholds @param {number} value */
 function nearest(thresholds, value) {
   const distances = thresholds.map((t) => Math.abs(t - value));
   return distances.indexOf(Math.min(...distances));
 }
 
+/** @param {string} name @param {Record<string, string | number>} attributes */
 function element(name, attributes) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, String(value));
   return made;
 }
 
 const WIDTH = 480, HEIGHT = 170, LEFT = 26, TOP = 10, FOOT = 6;
 
-// By step, as the slider above moves: not by value.
+/**
+ * By step, as the slider above moves: not by value.
+ * @param {number[]} thresholds @param {number} step
+ */
 function across(thresholds, step) {
   return LEFT + ((WIDTH - LEFT - 6) * step) / Math.max(1, thresholds.length - 1);
 }
 
+/** @param {HTMLElement} svg @param {Model} model */
 function drawCurves(svg, model) {
+  /** @param {number} value */
   const up = (value) => TOP + (HEIGHT - FOOT - TOP) * (1 - value);
   for (const value of [0, 0.5, 1]) {
     svg.append(element("line", { class: "axis", x1: LEFT, x2: WIDTH, y1: up(value), y2: up(value) }));
@@ -132,7 +183,8 @@ function drawCurves(svg, model) {
     text.textContent = value.toFixed(1);
     svg.append(text);
   }
-  for (const figure of ["precision", "recall", "f1"]) {
+  for (const figure of FIGURES) {
+    /** @type {string[]} */
     const points = [];
     model.thresholds.forEach((_, step) => {
       const value = patchFigures(model, step)[figure];
@@ -140,6 +192,7 @@ function drawCurves(svg, model) {
     });
     svg.append(element("polyline", { class: figure, points: points.join(" ") }));
   }
+  /** @param {string} name @param {number} value */
   const line = (name, value) => {
     const x = across(model.thresholds, nearest(model.thresholds, value));
     const made = element("line", { class: name, x1: x, x2: x, y1: 0, y2: HEIGHT - FOOT });
@@ -151,40 +204,46 @@ function drawCurves(svg, model) {
   return line("now", 0);
 }
 
+/** @param {HTMLElement} form */
 function explore(form) {
-  const model = explorer.models[form.dataset.model];
-  const part = (name) => form.querySelector(`[data-is="${name}"]`);
-  const slider = part("slider"), least = part("least"), hits = part("hits"), frames = part("window");
-  const atOnce = part("at-once"), own = model.rule;
+  const model = decoded(form.dataset.model ?? "");
+  /** @param {string} name */
+  const part = (name) => /** @type {HTMLElement} */ (form.querySelector(`[data-is="${name}"]`));
+  /** @param {string} name */
+  const input = (name) => /** @type {HTMLInputElement} */ (part(name));
+  const slider = input("slider"), least = input("least"), hits = input("hits"), frames = input("window");
+  const atOnce = input("at-once"), own = model.rule;
   const here = drawCurves(part("chart"), model);
-  const whole = (input) => {
-    const value = Math.round(Number(input.value)) || 1;
-    return Math.min(Number(input.max), Math.max(1, value));
+  /** @param {HTMLInputElement} from */
+  const whole = (from) => {
+    const value = Math.round(Number(from.value)) || 1;
+    return Math.min(Number(from.max), Math.max(1, value));
   };
 
   function show() {
     const step = Number(slider.value), margin = model.thresholds[step];
-    const set = { margin, least_patches: whole(least), window: whole(frames) };
-    set.hits = Math.min(whole(hits), set.window);
+    const window = whole(frames);
+    const set = { margin, least_patches: whole(least), window, hits: Math.min(whole(hits), window) };
     // A single patch never needs less than the margin.
     const sudden = own.margin_now === null ? null : Math.max(own.margin_now, margin);
-    const now = atOnce.checked ? nearest(model.thresholds, sudden) : null;
+    const now = atOnce.checked ? nearest(model.thresholds, sudden ?? 0) : null;
     const patch = patchFigures(model, step), frame = frameFigures(model, { ...set, step, now });
-    const same = Object.keys(set).every((key) => set[key] === own[key]) && atOnce.checked === (sudden !== null);
-    const at = { ...patch, ...frame };
-    for (const name of ["precision", "recall", "f1"]) {
-      part(name).textContent = written(at[name]);
-      part(name).dataset.value = at[name] === null ? "" : String(at[name]);
+    const same = margin === own.margin && set.least_patches === own.least_patches &&
+      set.window === own.window && set.hits === own.hits && atOnce.checked === (sudden !== null);
+    for (const name of FIGURES) {
+      part(name).textContent = written(patch[name]);
+      part(name).dataset.value = patch[name] === null ? "" : String(patch[name]);
     }
-    for (const name of ["falseStatus", "detected", "first"]) part(name).textContent = at[name];
+    for (const [name, said] of Object.entries(frame)) part(name).textContent = said;
     part("margin").textContent = `${Number(margin.toPrecision(4))}${same ? " (the model's operating point)" : ""}`;
     slider.setAttribute("aria-valuetext", `margin ${Number(margin.toPrecision(4))}`);
-    if (sudden !== null) part("sudden").textContent = Number(sudden.toPrecision(4));
+    if (sudden !== null) part("sudden").textContent = String(Number(sudden.toPrecision(4)));
     const x = across(model.thresholds, step);
-    here.setAttribute("x1", x);
-    here.setAttribute("x2", x);
+    here.setAttribute("x1", String(x));
+    here.setAttribute("x2", String(x));
   }
 
+  /** @param {Rule} rule */
   function put(rule) {
     slider.value = String(nearest(model.thresholds, rule.margin));
     least.value = String(rule.least_patches);
@@ -194,7 +253,9 @@ function explore(form) {
     show();
   }
 
-  for (const [name, margin] of [["tick-own", model.rule.margin], ["tick-zero", 0]]) {
+  /** @type {[name: string, margin: number][]} */
+  const ticks = [["tick-own", model.rule.margin], ["tick-zero", 0]];
+  for (const [name, margin] of ticks) {
     const share = nearest(model.thresholds, margin) / Math.max(1, model.thresholds.length - 1);
     part(name).style.left = `calc(8px + ${share} * (100% - 16px))`;
     part(name).classList.toggle("rightward", share < 0.25);
@@ -202,11 +263,12 @@ function explore(form) {
   }
   slider.max = String(model.thresholds.length - 1);
   least.max = String(model.patches);
-  for (const input of [slider, least, hits, frames, atOnce]) input.addEventListener("input", show);
+  for (const each of [slider, least, hits, frames, atOnce]) each.addEventListener("input", show);
   part("own").addEventListener("click", () => put(own));
   part("zero").addEventListener("click", () => put({ margin: 0, least_patches: 1, hits: 1, window: 1, margin_now: null }));
   put(own);
 }
 
-Object.values(explorer.models).forEach(decode);
-document.querySelectorAll("[data-model]").forEach(explore);
+for (const form of document.querySelectorAll("[data-model]")) {
+  if (form instanceof HTMLElement) explore(form);
+}

@@ -20,7 +20,7 @@ _MAX_MS = 60_000
 _LOOK_EVERY_S = 0.01
 
 _FRAME_BOX = """async () => {
-  const { Viewport } = await import("/static/frame/frame_canvas.js");
+  const { Viewport } = await import("/static/frame/viewport.js");
   const { picture } = await import("/static/core/pictures.js");
   const { setting } = await import("/static/core/settings.js");
   const canvas = document.querySelector(".frame-canvas");

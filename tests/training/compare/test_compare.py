@@ -616,8 +616,7 @@ def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, whit
         asked.append({"step": step, "now": now, **counts})
     program = """([data, asked]) => {
         Object.assign(explorer, data);
-        const model = Object.values(explorer.models)[0];
-        decode(model);
+        const model = decoded(Object.keys(explorer.models)[0]);
         return asked.map((rule) => statuses(model, rule));
     }"""
     found = page.evaluate(program, [data, asked])

@@ -2,11 +2,14 @@
 
 import { who } from "./settings.js";
 
+/** @import { Answers, Imported, Posted } from "./messages.js" */
+
 const TIMEOUT_MS = 20000;
 const SEND_MS = 600000;
 
 /** A request that failed. `status` 0: the server was not reached. */
 export class ApiError extends Error {
+  /** @param {number} status @param {string} message */
   constructor(status, message) {
     super(message);
     this.name = "ApiError";
@@ -17,32 +20,49 @@ export class ApiError extends Error {
 /**
  * What to give to `catch` of a request: it takes an ApiError, and the request then gives what
  * `handle(error)` gives. Any other fault goes on.
+ * @template [T=undefined]
+ * @param {(error: ApiError) => T} [handle]
+ * @returns {(error: unknown) => T | undefined}
  */
-export function onFailure(handle = () => undefined) {
+export function onFailure(handle) {
   return (error) => {
-    if (error.name !== "ApiError") throw error;
-    return handle(error);
+    if (!(error instanceof ApiError)) throw error;
+    return handle?.(error);
   };
 }
+
+/** @typedef {string | number | null | undefined} Param */
+/** @typedef {Record<string, Param | Param[]>} Params */
 
 /**
  * The address of an API path with `who` and its parameters: those that are null or undefined are
  * left out, a list is repeated.
+ * @param {string} path @param {Params} [params]
  */
 export function address(path, params = {}) {
   const query = new URLSearchParams();
   for (const [name, value] of Object.entries({ who: who() || null, ...params })) {
-    for (const one of [value].flat()) if ((one ?? null) !== null) query.append(name, one);
+    for (const one of [value].flat()) if ((one ?? null) !== null) query.append(name, String(one));
   }
   return `${path}?${query}`;
 }
 
-/** GET a path; throws ApiError. */
+/**
+ * GET a path; throws ApiError.
+ * @template {keyof Answers} P
+ * @param {P} path @param {Params} [params]
+ * @returns {Promise<Answers[P]>}
+ */
 export async function get(path, params = {}) {
   return request(address(path, params));
 }
 
-/** POST a body to a path; `who` is filled in where the body has none. Throws ApiError. */
+/**
+ * POST a body to a path; `who` is filled in where the body has none. Throws ApiError.
+ * @template {keyof Posted} P
+ * @param {P} path @param {object} body
+ * @returns {Promise<Posted[P]>}
+ */
 export async function post(path, body) {
   return request(path, {
     method: "POST",
@@ -51,13 +71,20 @@ export async function post(path, body) {
   });
 }
 
-/** POST a file to a path; throws ApiError. */
+/**
+ * POST a file of labels to a path; throws ApiError.
+ * @param {string} path @param {Params} params @param {File} file
+ * @returns {Promise<Imported>}
+ */
 export async function send(path, params, file) {
   const headers = { "Content-Type": "application/octet-stream" };
   return request(address(path, params), { method: "POST", headers, body: file }, SEND_MS);
 }
 
-/** Fetch an address as it is, in `most` ms at most: a successful Response. Throws ApiError. */
+/**
+ * Fetch an address as it is, in `most` ms at most: a successful Response. Throws ApiError.
+ * @param {string} url @param {RequestInit} [options] @param {number} [most]
+ */
 export async function fetchOk(url, options = {}, most = TIMEOUT_MS) {
   const timeout = AbortSignal.timeout(most);
   const signal = options.signal ? AbortSignal.any([options.signal, timeout]) : timeout;
@@ -72,6 +99,7 @@ export async function fetchOk(url, options = {}, most = TIMEOUT_MS) {
   return response;
 }
 
+/** @param {string} url @param {RequestInit} [options] @param {number} [most] */
 async function request(url, options, most) {
   const response = await fetchOk(url, options, most);
   try {
@@ -81,6 +109,7 @@ async function request(url, options, most) {
   }
 }
 
+/** @param {Response} response @returns {Promise<string>} */
 async function sentence(response) {
   try {
     const { error } = await response.json();

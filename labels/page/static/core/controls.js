@@ -1,22 +1,28 @@
 // Parts of views' bars: classes as people see them (colour, key and name together), buttons with
 // their keys, choices, pages, sizes.
 
-import { button, el, setAttribute } from "./dom.js";
+import { button, el, say, setAttribute } from "./dom.js";
 import { colourOf, mission, signOf } from "./mission.js";
 
-/** Patch of colour with the class's key in it, so that colour is never the only sign. */
+/**
+ * Patch of colour with the class's key in it, so that colour is never the only sign.
+ * @param {string} name
+ */
 export function swatch(name) {
   const mark = el("span", { class: "swatch", text: signOf(name), "aria-hidden": "true" });
   mark.style.backgroundColor = colourOf(name);
   return mark;
 }
 
-/** Swatch and name. */
+/** Swatch and name. @param {string} name */
 export function classTag(name) {
   return el("span", { class: "class-tag" }, swatch(name), el("span", { text: name }));
 }
 
-/** A button for each class that can be given: names only found in the store have no key. */
+/**
+ * A button for each class that can be given: names only found in the store have no key.
+ * @param {(name: string) => unknown} choose
+ */
 export function classButtons(choose) {
   const given = mission.classes.filter((one) => one.key);
   return given.map(({ name, key, description }) => {
@@ -25,18 +31,37 @@ export function classButtons(choose) {
   });
 }
 
-/** What to say where there is nothing to show, and the button that leads on. */
+/**
+ * What to do where a request fails: say why, after some words.
+ * @param {string} [words] @param {{stays?: boolean}} [options]
+ */
+export function complain(words = "", options) {
+  /** @param {ApiError} error */
+  return ({ message }) => say(`${words} ${message}`.trim(), { bad: true, ...options });
+}
+
+/**
+ * What to say where there is nothing to show, and the button that leads on.
+ * @param {string} text @param {string} words @param {string} href
+ */
 export function nothingYet(text, words, href) {
   const onward = el("a", { class: "button main", text: words, href });
   return el("p", { class: "empty-state" }, `${text} `, onward);
 }
 
 /**
+ * @import { ApiError } from "./api.js"
+ * @import { Child, Options } from "./dom.js"
+ * @typedef {(event?: Event) => unknown} Command `event`: of the key or the button.
+ * @typedef {string | [value: string, words: string]} Choice
+ */
+
+/**
  * Buttons of commands, whose titles say what they do and by which key.
- * @param {Object<string, Function>} commands By name.
+ * @param {Record<string, Command>} commands By name.
  * @param {(command: string) => string} keyFor
- * @returns {(text: string, name: string, does: string, options?: Object) => HTMLButtonElement}
- *   `options`: as `button` takes them.
+ * @returns {(text: string, name: string, does: string, options?: Options<"button">) =>
+ *   HTMLButtonElement}
  */
 export function commandButtons(commands, keyFor) {
   return (text, name, does, options) => {
@@ -50,6 +75,7 @@ export function commandButtons(commands, keyFor) {
 /**
  * Let a button of `commandButtons` do what it does, or say `why` it cannot ("": it can); it keeps
  * the keyboard in any case. `does`: what it does, where that changed.
+ * @param {HTMLButtonElement} made @param {string} [why] @param {string | undefined} [does]
  */
 export function allow(made, why = "", does = made.dataset.does) {
   setAttribute(made, "data-does", does);
@@ -60,12 +86,13 @@ export function allow(made, why = "", does = made.dataset.does) {
 /**
  * A choice of one of several values, each as it is or as [value, words for it]; `options`: of the
  * element, as `el` takes them.
+ * @param {Choice[]} values @param {string} chosen @param {Options<"select">} [options]
  */
 export function choice(values, chosen, options) {
   return el("select", options, ...optionsOf(values, chosen));
 }
 
-/** The options of a `choice`. */
+/** The options of a `choice`. @param {Choice[]} values @param {string} [chosen] */
 export function optionsOf(values, chosen) {
   return values.map((one) => {
     const [value, text = value] = [one].flat();
@@ -73,22 +100,30 @@ export function optionsOf(values, chosen) {
   });
 }
 
+/** @param {string} name @param {...Child} children */
 function group(name, ...children) {
   return el("span", { class: "pager", role: "group", "aria-label": name }, ...children);
 }
 
+/** @param {string} sign @param {string} name @param {string} key @param {() => unknown} run */
 function named(sign, name, key, run) {
   return button(sign, run, { title: `${name} (${key})`, "aria-label": name });
 }
 
-/** Previous page (`turn(-1)`), what the page shows, next page (`turn(1)`), further buttons. */
+/**
+ * Previous page (`turn(-1)`), what the page shows, next page (`turn(1)`), further buttons.
+ * @param {(step: number) => unknown} turn @param {HTMLElement} range @param {...Child} more
+ */
 export function pager(turn, range, ...more) {
   const back = named("‹", "previous page", "Page Up", () => turn(-1));
   const on = named("›", "next page", "Page Down", () => turn(1));
   return group("pages", back, range, on, ...more);
 }
 
-/** Smaller pictures (`resize(-1)`), larger ones (`resize(1)`), further buttons. */
+/**
+ * Smaller pictures (`resize(-1)`), larger ones (`resize(1)`), further buttons.
+ * @param {(step: number) => unknown} resize @param {...Child} more
+ */
 export function sizeButtons(resize, ...more) {
   const smaller = named("−", "smaller pictures", "-", () => resize(-1));
   const larger = named("+", "larger pictures", "+", () => resize(1));

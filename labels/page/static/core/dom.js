@@ -1,29 +1,55 @@
 // Making elements without markup in strings, drawing once, telling those who listen, and saying
 // things to screen readers.
 
+/** @typedef {keyof HTMLElementTagNameMap} Tag */
+
 /**
- * Make an element. `text`: its words; `on`: its listeners by event. All other options are
- * attributes: true gives an empty one, false, null and undefined give none. Null and undefined
- * among the children (nodes and strings) are left out.
+ * @template {Tag} T
+ * @typedef {{[E in keyof HTMLElementEventMap]?:
+ *   (event: HTMLElementEventMap[E] & {target: HTMLElementTagNameMap[T]}) => unknown}} Listeners
  */
-export function el(tag, { text, on = {}, ...attributes } = {}, ...children) {
+
+/**
+ * What an element has: `text`: its words; `on`: its listeners by event. All other options are
+ * attributes: true gives an empty one, false, null and undefined give none.
+ * @template {Tag} T
+ * @typedef {{text?: string, on?: Listeners<T>} & Record<string, unknown>} Options
+ */
+
+/** @typedef {Node | string | null | undefined} Child Null and undefined are left out. */
+
+/**
+ * Make an element.
+ * @template {Tag} T
+ * @param {T} tag @param {Options<T>} [options] @param {...Child} children
+ */
+export function el(tag, options = {}, ...children) {
+  const { text, on, ...attributes } = options;
   const node = document.createElement(tag);
   if (text !== undefined) node.textContent = text;
   for (const [name, value] of Object.entries(attributes)) setAttribute(node, name, value);
-  for (const [type, listener] of Object.entries(on)) node.addEventListener(type, listener);
+  for (const [type, listener] of Object.entries(on ?? {})) {
+    node.addEventListener(type, /** @type {EventListener} */ (listener));
+  }
   node.append(...children.filter((child) => child !== null && child !== undefined));
   return node;
 }
 
-/** Set, or with false, null or undefined remove, an attribute. */
+/**
+ * Set, or with false, null or undefined remove, an attribute.
+ * @param {?Element} node @param {string} name @param {unknown} value
+ */
 export function setAttribute(node, name, value) {
-  if (value === false || value === null || value === undefined) return node.removeAttribute(name);
+  if (value === false || value === null || value === undefined) return node?.removeAttribute(name);
   const text = value === true ? "" : String(value);
   // Also the same one makes the browser look at the page's style again.
-  if (node.getAttribute(name) !== text) node.setAttribute(name, text);
+  if (node?.getAttribute(name) !== text) node?.setAttribute(name, text);
 }
 
-/** Fill an element with what `draw` gives, if it shall show something else than it does. */
+/**
+ * Fill an element with what `draw` gives, if it shall show something else than it does.
+ * @param {HTMLElement} root @param {unknown} what @param {() => Node[]} draw
+ */
 export function redraw(root, what, draw) {
   const text = JSON.stringify(what);
   if (root.dataset.shown === text) return;
@@ -31,26 +57,31 @@ export function redraw(root, what, draw) {
   root.replaceChildren(...draw());
 }
 
-/** Set an element's words, if they are others. */
+/** Set an element's words, if they are others. @param {?Element} node @param {string} text */
 export function setText(node, text) {
-  if (node.textContent !== text) node.textContent = text;
+  if (node && node.textContent !== text) node.textContent = text;
 }
 
 /**
  * A button that gives the keyboard back to the view after a click with the mouse, so that the
  * next Enter or Space is the view's and does not press the button again.
+ * @param {string} text @param {(event: MouseEvent) => unknown} run
+ * @param {Options<"button">} [attributes] @param {...Child} children
  */
 export function button(text, run, attributes, ...children) {
-  const click = (event) => {
-    if (event.currentTarget.ariaDisabled !== "true") run(event);
+  const made = el("button", { text, type: "button", ...attributes }, ...children);
+  made.addEventListener("click", (event) => {
+    if (made.ariaDisabled !== "true") run(event);
     if (event.detail > 0) focusView();
-  };
-  return el("button", { text, type: "button", on: { click }, ...attributes }, ...children);
+  });
+  return made;
 }
 
 /**
  * Give the keyboard back to the view when a control was changed with the mouse, so that the next
  * key is the view's; who changes it with the keyboard stays on it. Returns the control.
+ * @template {HTMLElement} C
+ * @param {C} control
  */
 export function backAfterMouse(control) {
   let byMouse = false;
@@ -62,37 +93,72 @@ export function backAfterMouse(control) {
 
 /** Put the keyboard where the view wants it: its element with `data-home`. */
 export function focusView() {
-  document.querySelector("#view [data-home]")?.focus({ preventScroll: true });
+  const home = document.querySelector("#view [data-home]");
+  if (home instanceof HTMLElement) home.focus({ preventScroll: true });
 }
 
-/** Read a text out (polite live region), without showing it. */
+/** An element of the page that is always there. @param {string} id */
+export function byId(id) {
+  const found = document.getElementById(id);
+  if (!found) throw new Error(`the page has no element ${id}`);
+  return found;
+}
+
+/**
+ * The first element of a tag inside another one, which is there.
+ * @template {Tag} T
+ * @param {Element} root @param {T} tag
+ */
+export function part(root, tag) {
+  return root.getElementsByTagName(tag)[0];
+}
+
+/** A dialog of the page. @param {string} id */
+export function dialogById(id) {
+  return /** @type {HTMLDialogElement} */ (byId(id));
+}
+
+/** What draws onto a canvas. @param {HTMLCanvasElement} canvas @param {boolean} [alpha] */
+export function contextOf(canvas, alpha = true) {
+  return /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha }));
+}
+
+/** What an event happened on. @param {Event} event */
+export function targetOf(event) {
+  return /** @type {HTMLElement} */ (event.target);
+}
+
+/** Read a text out (polite live region), without showing it. @param {string} text */
 export function announce(text) {
-  document.getElementById("announcer").textContent = text;
+  byId("announcer").textContent = text;
 }
 
-let toastTimer = 0;
-let toastStays = false;
+const toast = { timer: 0, stays: false };
 
 /**
  * Show a sentence for some seconds, and read it out. `bad`: something was not done; `link`: the
  * address of the place that it is about; `stays`: it is not of what is shown.
+ * @param {string} text @param {{bad?: boolean, link?: ?string, stays?: boolean}} [options]
  */
 export function say(text, { bad = false, link = null, stays = false } = {}) {
-  toastStays = stays;
-  const toast = document.getElementById("toast");
-  toast.replaceChildren(text, link ? el("a", { text: "Go there", href: link }) : "");
-  toast.classList.toggle("bad", bad);
-  toast.classList.add("shown");
-  clearTimeout(toastTimer);
-  toastTimer = setTimeout(() => toast.classList.remove("shown"), bad ? 8000 : 4000);
+  toast.stays = stays;
+  const box = byId("toast");
+  box.replaceChildren(text, link ? el("a", { text: "Go there", href: link }) : "");
+  box.classList.toggle("bad", bad);
+  box.classList.add("shown");
+  clearTimeout(toast.timer);
+  toast.timer = setTimeout(() => box.classList.remove("shown"), bad ? 8000 : 4000);
 }
 
 /** Something else is shown: take the sentence away that was about what was. */
 export function endToast() {
-  if (!toastStays) document.getElementById("toast").classList.remove("shown");
+  if (!toast.stays) byId("toast").classList.remove("shown");
 }
 
-/** A function that runs `work` once before the next drawing, however often it is called. */
+/**
+ * A function that runs `work` once before the next drawing, however often it is called.
+ * @param {() => unknown} work
+ */
 export function soon(work) {
   let waiting = false;
   return () => {
@@ -106,15 +172,25 @@ export function soon(work) {
 }
 
 /**
- * A set of listeners: [what adds a listener, and returns what takes it away again; what tells all
- * of them].
+ * What adds a listener, and returns what takes it away again; what tells all of them.
+ * @template {unknown[]} N
+ * @typedef {[(listener: (...news: N) => unknown) => () => void, (...news: N) => void]} Signal
+ */
+
+/**
+ * A set of listeners.
+ * @template {unknown[]} N
+ * @returns {Signal<N>}
  */
 export function signal() {
+  /** @type {Set<(...news: N) => unknown>} */
   const listeners = new Set();
+  /** @type {Signal<N>[0]} */
   const listen = (listener) => {
     listeners.add(listener);
     return () => listeners.delete(listener);
   };
+  /** @type {Signal<N>[1]} */
   const tell = (...news) => {
     for (const listener of [...listeners]) listener(...news);
   };

@@ -2,7 +2,7 @@
 // Class keys come from the taxonomy and may be any character: they win. Each page key that is a
 // single character therefore also answers to Alt with it.
 
-import { el } from "./dom.js";
+import { dialogById, el } from "./dom.js";
 import { mission, selectClass } from "./mission.js";
 import { changeSetting, setSetting, setting } from "./settings.js";
 
@@ -12,28 +12,32 @@ const CONTRAST_STEP = 10;
  * @typedef {Object} KeyEntry
  * @property {string[]} keys "n", "N", "?", "Enter", "Shift+Enter", "Ctrl+Z", "PageDown", "Space".
  * @property {string} does   For the overlay.
- * @property {Function} run  (event, key); returning false leaves the event to the browser.
- * @property {Function} [release] (event) when the key comes up again.
+ * @property {(event: KeyboardEvent, key: string) => unknown} [run] Returning false leaves the event
+ *   to the browser; without it the entry is for the overlay only.
+ * @property {(event: Event) => unknown} [release] When the key comes up again.
  * @property {string} [group] Heading in the overlay.
+ *
+ * @typedef {{title: string, keys?: KeyEntry[], classKeys?: (name: string) => unknown}} ViewKeys
  */
 
-let viewKeys = [];
-let viewTitle = "";
-let viewClassKeys = null;
-const globalKeys = [];
-const held = new Map();
+const tables = {
+  /** @type {ViewKeys} Of the view that is shown. */
+  view: { title: "" },
+  /** @type {KeyEntry[]} That answer in every view, after the view's own. */
+  everywhere: [],
+  /** @type {Map<string, KeyEntry>} By the key's code: those that are down, to be released. */
+  held: new Map(),
+};
 
-/** Set the table of the view that is shown, as `addView` takes it. */
-export function setViewKeys({ title, keys = [], classKeys = null }) {
-  viewTitle = title;
-  viewKeys = keys;
-  viewClassKeys = classKeys;
-  held.clear();
+/** Set the table of the view that is shown. @param {ViewKeys} view */
+export function setViewKeys(view) {
+  tables.view = view;
+  tables.held.clear();
 }
 
-/** Add `KeyEntry`s that answer in every view, after the view's own. */
+/** Add entries that answer in every view. @param {KeyEntry[]} entries */
 export function addGlobalKeys(entries) {
-  globalKeys.push(...entries);
+  tables.everywhere.push(...entries);
 }
 
 /** Begin to listen. */
@@ -44,42 +48,50 @@ export function listen() {
   addGlobalKeys([{ keys: ["?", "F1"], does: "these keys, and back", run: toggleHelp }]);
 }
 
+/** @param {KeyboardEvent} event */
 function onKeyDown(event) {
-  if (document.querySelector("dialog[open]") || ownsKey(event.target, event)) return;
+  if (document.querySelector("dialog[open]") || ownsKey(event)) return;
   const entry = entryFor(event);
-  if (!entry) return;
-  if (entry.run(event, nameOf(event)) === false) return;
+  if (!entry?.run || entry.run(event, nameOf(event)) === false) return;
   event.preventDefault();
-  if (entry.release) held.set(event.code, entry);
+  if (entry.release) tables.held.set(event.code, entry);
 }
 
+/** @param {KeyboardEvent} event */
 function onKeyUp(event) {
-  held.get(event.code)?.release(event);
-  held.delete(event.code);
+  tables.held.get(event.code)?.release?.(event);
+  tables.held.delete(event.code);
 }
 
+/** @param {Event} event */
 function releaseAll(event) {
-  for (const entry of held.values()) entry.release(event);
-  held.clear();
+  for (const entry of tables.held.values()) entry.release?.(event);
+  tables.held.clear();
 }
 
+/** @param {KeyboardEvent} event @returns {KeyEntry | undefined} */
 function entryFor(event) {
   const known = classFor(event);
-  if (known) return { run: () => (viewClassKeys ?? selectClass)(known.name) };
+  const { keys: own = [], classKeys = selectClass } = tables.view;
+  if (known) return { keys: [], does: "", run: () => classKeys(known.name) };
   const name = nameOf(event);
-  const table = [...viewKeys, ...globalKeys];
+  const table = [...own, ...tables.everywhere];
   const plain = name.replace(/^Alt\+(?=.$)/u, "");
   return (
     table.find(({ keys }) => keys.includes(name)) ?? table.find(({ keys }) => keys.includes(plain))
   );
 }
 
+/** @param {KeyboardEvent} event */
 function classFor(event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return null;
   return mission.classes.find(({ key }) => key && key === event.key) ?? null;
 }
 
-// Shift is part of a character ("N", "?") and said only with named keys and Ctrl.
+/**
+ * Shift is part of a character ("N", "?") and said only with named keys and Ctrl.
+ * @param {KeyboardEvent} event
+ */
 function nameOf(event) {
   let key = event.key === " " ? "Space" : event.key;
   if (event.altKey && /^(Key|Digit)/.test(event.code)) key = layoutKey(event);
@@ -95,15 +107,18 @@ function nameOf(event) {
   return parts.filter(Boolean).join("+");
 }
 
-// Alt makes other characters on some keyboards: what is printed on the key counts.
+/**
+ * Alt makes other characters on some keyboards: what is printed on the key counts.
+ * @param {KeyboardEvent} event
+ */
 function layoutKey({ key, code, shiftKey }) {
   if (/^[\x20-\x7e]$/.test(key)) return key;
   const letter = code.replace(/^(Key|Digit)/, "");
   return shiftKey ? letter : letter.toLowerCase();
 }
 
-// What a control does with a key by itself stays its own.
-function ownsKey(target, { key, ctrlKey, altKey }) {
+/** What a control does with a key by itself stays its own. @param {KeyboardEvent} event */
+function ownsKey({ target, key, ctrlKey, altKey }) {
   if (!(target instanceof HTMLElement)) return false;
   if (target instanceof HTMLInputElement) {
     if (target.type === "range") return /^(Arrow|Page|Home|End)/.test(key);
@@ -120,7 +135,7 @@ function ownsKey(target, { key, ctrlKey, altKey }) {
 
 /** Open the overlay of keys, or close it. */
 export function toggleHelp() {
-  const dialog = document.getElementById("help");
+  const dialog = dialogById("help");
   if (dialog.open) return dialog.close();
   const on = { click: toggleHelp };
   dialog.replaceChildren(
@@ -129,7 +144,7 @@ export function toggleHelp() {
     el("p", {},
       "Class keys go before page keys; a one-character page key also answers to Alt with it.",
     ),
-    el("div", { class: "help-columns" }, ...tables()),
+    el("div", { class: "help-columns" }, ...shownTables()),
   );
   dialog.onkeydown = (event) => {
     if (event.key !== "?" && event.key !== "F1") return;
@@ -139,37 +154,50 @@ export function toggleHelp() {
   dialog.showModal();
 }
 
-function tables() {
+function shownTables() {
   const given = mission.classes.filter(({ key }) => key);
+  const { title: viewTitle, keys: own = [] } = tables.view;
   const rows = [
-    ...given.map(({ key, name }) => ["Classes", [key], name]),
-    ...viewKeys.map(({ keys, does, group }) => [group ?? viewTitle, keys.map(reachable), does]),
-    ...globalKeys.map(({ keys, does }) => ["Everywhere", keys.map(reachable), does]),
+    ...given.map(({ key, name }) => ({ title: "Classes", keys: [key], does: name })),
+    ...own.map(({ keys, does, group = viewTitle }) => tableRow(group, keys, does)),
+    ...tables.everywhere.map(({ keys, does }) => tableRow("Everywhere", keys, does)),
   ];
-  return [...Map.groupBy(rows, ([title]) => title)].map(([title, some]) =>
+  return [...Map.groupBy(rows, (row) => row.title)].map(([title, some]) =>
     el("section", {},
       el("h3", { text: title }),
-      el("table", {}, ...some.map(([, keys, does]) => keyRow(keys, does))),
+      el("table", {}, ...some.map(keyRow)),
     ),
   );
 }
 
-function keyRow(keys, does) {
+/** @param {string} title @param {string[]} keys @param {string} does */
+function tableRow(title, keys, does) {
+  return { title, keys: keys.map(reachable), does };
+}
+
+/** @param {{keys: string[], does: string}} row */
+function keyRow({ keys, does }) {
   const marks = keys.flatMap((key, at) => [at ? " " : null, el("kbd", { text: printed(key) })]);
   return el("tr", {}, el("td", {}, ...marks), el("td", { text: does }));
 }
 
+/** @type {Record<string, string>} */
 const ARROWS = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" };
 
+/** @param {string} key */
 function printed(key) {
   return key.replace(/Arrow\w+/, (name) => ARROWS[name]);
 }
 
-/** The form in which a page key can be pressed: with Alt where a class takes it. */
+/**
+ * The form in which a page key can be pressed: with Alt where a class takes it.
+ * @param {string} key
+ */
 export function reachable(key) {
   return mission.classes.some((known) => known.key === key) ? `Alt+${key}` : key;
 }
 
+/** @param {string} key @param {string} does @param {() => void} run @returns {KeyEntry} */
 const lookKey = (key, does, run) => ({ keys: [key], does, run, group: "Seeing" });
 
 /** Keys for how pictures look, the same in every view that shows pictures. */

@@ -1,6 +1,4 @@
 // The mission as the server describes it, kept up to date: classes, frames, states, counts.
-// In all modules `camera` is a camera's name, `frame` a frame's number, `cell` a patch's number in
-// its frame, row by row from 0, and `label` a class's name.
 
 import { get, onFailure, post } from "./api.js";
 import { signal } from "./dom.js";
@@ -9,43 +7,59 @@ import { setSetting, setting, setWho, who } from "./settings.js";
 export { onSetting, setSetting, setting, who } from "./settings.js";
 
 /**
+ * @import { LabelClass, MissionAnswer, News } from "./messages.js"
+ * @import { Signal } from "./dom.js"
+ */
+
+/**
  * The last /api/mission. `states` holds one array of characters a camera; `blind` is whether who
  * works here labels blind, as the server says, which then hides what others said; `classes` are in
  * the taxonomy's order, then unsure, then names only found in the store.
+ * @type {Omit<MissionAnswer, "states"> & {loaded: boolean, states: Record<string, string[]>}}
  */
 export const mission = {
-  loaded: false, classes: [], cameras: {}, states: {}, given: {}, counts: {}, settings: {},
-  depths: [],
+  loaded: false, mission: "", pictures: "", grid: { rows: 0, cols: 0, width: null }, cameras: {},
+  classes: [], annotator: "", blind: false, annotators: [], model: null, fault: "", setup: "",
+  event: 0, states: {}, given: {}, counts: {}, undo: { undo: null, redo: null }, described: false,
+  settings: {}, job: null, depths: [], carries: false, formats: {},
 };
 
 const LIGHT = 0.405; // 0.4, and what rounding may take
 
-let byName = new Map();
-let frameLists = {};
+/** What is derived of it, and counts that tell answers apart which are of no use any more. */
+const here = {
+  /** @type {Map<string, LabelClass>} */
+  byName: new Map(),
+  /** @type {Record<string, number[]>} The frames of each camera. */
+  frames: {},
+  settingsHeard: 0,
+  person: 0, // who works here and how: the next one's is another number
+};
 
 /**
- * Be told that something of the mission changed: `onChange((what) => ...)` returns what stops it;
- * `what`: "all", "states", "status".
+ * Be told that something of the mission changed: `onChange((what) => ...)` returns what stops it.
+ * @type {Signal<[what: "all" | "states" | "status"]>}
  */
-const [onChange, changed] = signal();
+export const [onChange, changed] = signal();
 
 /** Ask the server for everything about the mission. Throws ApiError. */
 export async function loadMission() {
-  const asked = person;
-  const heard = settingsHeard;
+  const asked = here.person;
+  const heard = here.settingsHeard;
   const answer = await get("/api/mission");
   // What was asked before another person came, or blind, is not for their eyes.
-  if (asked === person && (!mission.loaded || sameMission(answer))) {
+  if (asked === here.person && (!mission.loaded || sameMission(answer))) {
     // It may have been put together before what was heard meanwhile.
-    if (heard !== settingsHeard) answer.settings = mission.settings;
+    if (heard !== here.settingsHeard) answer.settings = mission.settings;
     takeMission(answer);
   }
   return answer;
 }
 
-let settingsHeard = 0;
-
-/** What to say where an /api/mission answer is not of this page's mission; "" where it is. */
+/**
+ * What to say where an /api/mission answer is not of this page's mission; "" where it is.
+ * @param {MissionAnswer} answer
+ */
 export function strangerWords(answer) {
   if (sameMission(answer)) return "";
   return `the server now shows mission ${answer.mission}; start it with ${mission.mission} again`;
@@ -54,6 +68,7 @@ export function strangerWords(answer) {
 /**
  * Whether an /api/mission answer is about the mission this page was opened on: another server may
  * have been started on the same port.
+ * @param {MissionAnswer} answer
  */
 export function sameMission(answer) {
   const { rows, cols } = answer.grid;
@@ -62,25 +77,25 @@ export function sameMission(answer) {
   );
 }
 
+/** @param {MissionAnswer} answer */
 function takeMission(answer) {
+  /** @type {Record<string, string[]>} */
   const states = {};
   for (const [camera, text] of Object.entries(answer.states)) states[camera] = [...text];
   Object.assign(mission, answer, { states, loaded: true });
-  const drawn = (known) => [known.name, { ...known, color: lightened(known.color) }];
-  byName = new Map(answer.classes.map(drawn));
-  frameLists = {};
+  here.byName = new Map();
+  for (const known of answer.classes) {
+    here.byName.set(known.name, { ...known, color: lightened(known.color) });
+  }
+  here.frames = {};
   changed("all");
 }
 
-/**
- * Take in what an acknowledgement or an event says of states, counts and faults.
- * @param {{event?: number, states?: Object, given?: Object, counts?: Object, fault?: string,
- *   model?: Object, settings?: Object, job?: Object}} news
- */
+/** Take in what an acknowledgement or an event says. @param {News} news */
 export function takeNews(news) {
   // Classes or the model were changed, here or elsewhere.
   if (news.setup && news.setup !== mission.setup) loadMission().catch(onFailure());
-  if (news.event > mission.event) mission.event = news.event;
+  if ((news.event ?? 0) > mission.event) mission.event = news.event ?? 0;
   for (const [camera, frames_] of Object.entries(news.states ?? {})) {
     for (const [frame, state] of Object.entries(frames_)) setState(camera, Number(frame), state);
   }
@@ -93,28 +108,28 @@ export function takeNews(news) {
   if (news.model && mission.model) mission.model = { ...mission.model, ...news.model };
   if (news.settings) {
     mission.settings = news.settings;
-    settingsHeard += 1;
+    here.settingsHeard += 1;
   }
   if (news.job !== undefined) mission.job = news.job;
   if (news.fault !== undefined || news.model || news.settings) changed("status");
 }
 
+/** @param {string} camera @param {number} frame @param {string} state */
 function setState(camera, frame, state) {
   const index = frameIndex(camera, frame);
   if (index >= 0) mission.states[camera][index] = state;
 }
 
-// Counts who works here and how: answers that were asked for before are of no use.
-let person = 0;
-
-/** Be told that another person works here from now on, before the mission is loaded anew. */
-const [onReload, personChanged] = signal();
-
-export { onChange, onReload };
+/**
+ * Be told that another person works here from now on, before the mission is loaded anew.
+ * @type {Signal<[]>}
+ */
+export const [onReload, personChanged] = signal();
 
 /**
  * Work as somebody else, or hide (or show again) what others and the model said to this person,
  * everywhere. Another name holds at once, also where loading everything anew fails (ApiError).
+ * @param {{who?: string, blind?: boolean}} change
  */
 export async function setPerson({ who: name = who(), blind: hides }) {
   // The server takes no name with signs that cannot be seen, and to it names that look the same
@@ -131,18 +146,21 @@ export async function setPerson({ who: name = who(), blind: hides }) {
  */
 export async function beginAnew(hides = mission.blind) {
   mission.blind = hides;
-  person += 1;
+  here.person += 1;
   forgetOthers();
   personChanged();
   changed("states");
   await loadMission();
 }
 
-/** Take in an answer unless somebody else works here by the time it comes. */
+/**
+ * Take in an answer unless somebody else works here by the time it comes.
+ * @param {Promise<News>} request
+ */
 export async function takeNewsOf(request) {
-  const asked = person;
+  const asked = here.person;
   const news = await request;
-  if (asked === person) takeNews(news);
+  if (asked === here.person) takeNews(news);
 }
 
 // Until the mission is loaded anew, which may take long: nothing that shows what others said.
@@ -155,19 +173,28 @@ function forgetOthers() {
   }
 }
 
-/** A class by its name; also for names that the taxonomy does not have. */
+/**
+ * A class by its name; also for names that the taxonomy does not have.
+ * @param {?string | undefined} name @returns {LabelClass}
+ */
 export function classOf(name) {
-  return byName.get(name) ?? { name, obstacle: null, color: "#e6e6e6", key: "", description: "" };
+  return here.byName.get(name ?? "") ?? {
+    name: name ?? "", obstacle: null, color: "#e6e6e6", key: "", description: "",
+  };
 }
 
-/** The colour in which a class is drawn. */
+/** The colour in which a class is drawn. @param {?string} name */
 export function colourOf(name) {
   return classOf(name).color;
 }
 
-// With a luminance of 0.4 a colour has 9:1 on its black rim ((0.4 + 0.05) / 0.05), so that one of
-// both has 3:1 on any picture. Darker ones become brighter, then paler.
+/**
+ * With a luminance of 0.4 a colour has 9:1 on its black rim ((0.4 + 0.05) / 0.05), so that one of
+ * both has 3:1 on any picture. Darker ones become brighter, then paler.
+ * @param {string} color
+ */
 function lightened(color) {
+  /** @param {number[]} rgb */
   const luminance = ([r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b;
   let rgb = [1, 3, 5].map((at) => {
     const part = parseInt(color.slice(at, at + 2), 16) / 255;
@@ -181,7 +208,10 @@ function lightened(color) {
   return `rgb(${shown.map((part) => Math.max(0, Math.round(part))).join(" ")})`;
 }
 
-/** The sign that stands for a class besides its colour: its key, else its first letter. */
+/**
+ * The sign that stands for a class besides its colour: its key, else its first letter.
+ * @param {string} name
+ */
 export function signOf(name) {
   return classOf(name).key || name.slice(0, 1);
 }
@@ -189,7 +219,7 @@ export function signOf(name) {
 /** The class that somebody chose in this browser; null where nobody did. */
 export function chosenClass() {
   const name = setting("selected");
-  return byName.has(name) ? name : null;
+  return here.byName.has(name) ? name : null;
 }
 
 /** The class that painting puts on patches. */
@@ -197,26 +227,32 @@ export function selectedClass() {
   return chosenClass() ?? mission.classes[0]?.name ?? "";
 }
 
-/** Choose the class to paint with. */
+/** Choose the class to paint with. @param {string} name */
 export function selectClass(name) {
   setSetting("selected", name);
 }
 
-/** The frame numbers of a camera, ascending. */
+/** The frame numbers of a camera, ascending. @param {string} camera */
 export function frames(camera) {
-  frameLists[camera] ??= (mission.cameras[camera]?.ranges ?? []).flatMap(([first, last]) =>
+  here.frames[camera] ??= (mission.cameras[camera]?.ranges ?? []).flatMap(([first, last]) =>
     Array.from({ length: last - first + 1 }, (_, index) => first + index),
   );
-  return frameLists[camera];
+  return here.frames[camera];
 }
 
-/** Where a frame stands in `frames(camera)`; -1 if it is not there. */
+/**
+ * Where a frame stands in `frames(camera)`; -1 if it is not there.
+ * @param {string} camera @param {number} frame
+ */
 export function frameIndex(camera, frame) {
   const at = indexFrom(camera, frame);
   return frames(camera)[at] === frame ? at : -1;
 }
 
-/** Where the first frame with this or a higher number stands; their count if there is none. */
+/**
+ * Where the first frame with this or a higher number stands; their count if there is none.
+ * @param {string} camera @param {number} frame
+ */
 export function indexFrom(camera, frame) {
   const list = frames(camera);
   let low = 0;
@@ -229,17 +265,23 @@ export function indexFrom(camera, frame) {
   return low;
 }
 
-/** The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if not there. */
+/**
+ * The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if not there.
+ * @param {string} camera @param {number} frame
+ */
 export function stateOf(camera, frame) {
   return mission.states[camera]?.[frameIndex(camera, frame)] ?? "";
 }
 
-/** The labels that the person who works here gave somewhere in a frame, as the server knows. */
+/**
+ * The labels that the person who works here gave somewhere in a frame, as the server knows.
+ * @param {string} camera @param {number} frame
+ */
 export function givenIn(camera, frame) {
   return mission.given[camera]?.[frame] ?? [];
 }
 
 /** The first class of the taxonomy that is no obstacle. */
 export function clearClass() {
-  return mission.classes.find((known) => known.obstacle === false).name;
+  return mission.classes.find((known) => known.obstacle === false)?.name ?? "";
 }

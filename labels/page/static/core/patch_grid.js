@@ -2,9 +2,12 @@
 
 import { mission } from "./mission.js";
 
+/** @typedef {{x: number, y: number}} Point */
+
 /**
  * The {width, height} of one patch in pixels of a frame of a width and height: rounded down, as in
  * features/frames/grid.py.
+ * @param {number} width @param {number} height
  */
 export function patchSize(width, height) {
   const { rows, cols, width: resized } = mission.grid;
@@ -13,18 +16,18 @@ export function patchSize(width, height) {
   return { width: (Math.floor(w / cols) * width) / w, height: (Math.floor(h / rows) * height) / h };
 }
 
-/** Row and column of a cell. */
+/** Row and column of a cell. @param {number} cell @returns {[row: number, col: number]} */
 export function rowCol(cell) {
   return [Math.floor(cell / mission.grid.cols), cell % mission.grid.cols];
 }
 
-/** "row 3, column 4", counted from 0 as in label files. */
+/** "row 3, column 4", counted from 0 as in label files. @param {number} cell */
 export function cellName(cell) {
   const [row, col] = rowCol(cell);
   return `row ${row}, column ${col}`;
 }
 
-/** The cell at a row and column, or -1. */
+/** The cell at a row and column, or -1. @param {number} row @param {number} col */
 export function cellAt(row, col) {
   const { rows, cols } = mission.grid;
   return row >= 0 && col >= 0 && row < rows && col < cols ? row * cols + col : -1;
@@ -33,8 +36,10 @@ export function cellAt(row, col) {
 /**
  * All cells that a straight line crosses, none left out however long it is, in the order in which
  * they are met. Its ends {x, y} are in patches: x in columns, y in rows.
+ * @param {Point} from @param {Point} to
  */
 export function cellsOnLine(from, to) {
+  /** @type {number[]} */
   const cells = [];
   const cuts = [0, 1, ...crossings(from.x, to.x), ...crossings(from.y, to.y)].sort((a, b) => a - b);
   for (let at = 0; at + 1 < cuts.length; at += 1) {
@@ -47,7 +52,10 @@ export function cellsOnLine(from, to) {
   return cells;
 }
 
-// Where, from 0 to 1 along the way, a coordinate passes whole numbers.
+/**
+ * Where, from 0 to 1 along the way, a coordinate passes whole numbers.
+ * @param {number} from @param {number} to
+ */
 function crossings(from, to) {
   const cuts = [];
   const low = Math.min(from, to);
@@ -58,7 +66,7 @@ function crossings(from, to) {
   return cuts;
 }
 
-/** The cells of the rectangle between two of them. */
+/** The cells of the rectangle between two of them. @param {number} one @param {number} other */
 export function cellsBetween(one, other) {
   const [row1, col1] = rowCol(one);
   const [row2, col2] = rowCol(other);
@@ -71,17 +79,20 @@ export function cellsBetween(one, other) {
   return cells;
 }
 
-/** The cells of a row. */
+/** The cells of a row. @param {number} row */
 export function cellsOfRow(row) {
   return cellsBetween(cellAt(row, 0), cellAt(row, mission.grid.cols - 1));
 }
 
-/** The cells of a column. */
+/** The cells of a column. @param {number} col */
 export function cellsOfColumn(col) {
   return cellsBetween(cellAt(0, col), cellAt(mission.grid.rows - 1, col));
 }
 
-/** What arrow keys add to a row and a column. */
+/**
+ * What arrow keys add to a row and a column.
+ * @type {Record<string, [rows: number, cols: number]>}
+ */
 export const ARROWS = {
   ArrowLeft: [0, -1],
   ArrowRight: [0, 1],
@@ -92,9 +103,13 @@ export const ARROWS = {
 /** The names of the arrow keys in tables of keys, with "Shift+" or "Ctrl+" before them. */
 export const arrowKeys = (held = "") => Object.keys(ARROWS).map((key) => held + key);
 
-/** The cell some rows and columns away, or the last one before the edge. */
+/**
+ * The cell some rows and columns away, or the last one before the edge.
+ * @param {number} cell @param {number} rows @param {number} cols
+ */
 export function cellFrom(cell, rows, cols) {
   const [row, col] = rowCol(cell);
+  /** @param {number} value @param {number} count */
   const limit = (value, count) => Math.min(count - 1, Math.max(0, value));
   return cellAt(limit(row + rows, mission.grid.rows), limit(col + cols, mission.grid.cols));
 }
@@ -103,6 +118,7 @@ export function cellFrom(cell, rows, cols) {
 export class PatchCursor {
   constructor() {
     this.cell = 0;
+    /** @type {?number} */
     this.anchor = null;
     this.visible = false;
   }
@@ -120,6 +136,7 @@ export class PatchCursor {
   /**
    * Move by rows and columns; the first press only shows where the cursor is. `extend` keeps the
    * other corner of the rectangle.
+   * @param {number} rows @param {number} cols @param {boolean} extend
    */
   move(rows, cols, extend) {
     if (!this.visible) {
@@ -131,7 +148,7 @@ export class PatchCursor {
     this.cell = cellFrom(this.cell, rows, cols);
   }
 
-  /** Stand on a cell, seen or not. */
+  /** Stand on a cell, seen or not. @param {number} cell @param {boolean} visible */
   put(cell, visible) {
     Object.assign(this, { cell, visible, anchor: null });
   }

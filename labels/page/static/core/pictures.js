@@ -1,123 +1,149 @@
 // Pictures of frames: decoded ones, near ones fetched ahead, so that the next frame is there at
 // once; and small ones, from which the shape of a mission's frames is learnt.
 
-import { address, fetchOk } from "./api.js";
+import { ApiError, address, fetchOk } from "./api.js";
 import { frames, mission, setting } from "./mission.js";
 import { patchSize } from "./patch_grid.js";
 
 const KEPT = 14;
 const SIDE_BY_SIDE = 3;
 
-// address -> {promise, bitmap, error, controller, started}
-const pictures = new Map();
-let waits = [];
-let running = 0;
+/**
+ * @typedef {{url: string, bitmap: ?ImageBitmap, error: unknown, controller: AbortController,
+ *   started: boolean} & PromiseWithResolvers<ImageBitmap>} PictureJob
+ * @typedef {{camera: string, frame: number, enhance: number}} PictureName
+ */
 
-// `v` keeps missions on the same port apart in caches.
+const fetched = {
+  /** @type {Map<string, PictureJob>} By address, least recently asked for first. */
+  jobs: new Map(),
+  /** @type {PictureJob[]} */
+  waits: [],
+  running: 0,
+};
+
+/**
+ * `v` keeps missions on the same port apart in caches.
+ * @param {string} camera @param {number} frame @param {number} enhance
+ */
 function pictureAddress(camera, frame, enhance) {
   return `/api/picture/${camera}/${frame}?enhance=${enhance}&v=${mission.pictures ?? ""}`;
 }
 
-/** A picture that is decoded already, or null. */
+/**
+ * A picture that is decoded already, or null.
+ * @param {string} camera @param {number} frame @param {number} enhance
+ */
 export function pictureNow(camera, frame, enhance) {
-  return pictures.get(pictureAddress(camera, frame, enhance))?.bitmap ?? null;
+  return fetched.jobs.get(pictureAddress(camera, frame, enhance))?.bitmap ?? null;
 }
 
 /**
  * The ImageBitmap of a frame; `enhance` is 0 (as the camera gave it) to 100. Throws ApiError, also
  * for a frame that cannot be read (status 422, its sentence).
+ * @param {string} camera @param {number} frame @param {number} enhance
  */
 export function picture(camera, frame, enhance) {
   const job = jobFor(pictureAddress(camera, frame, enhance));
-  if (!job.started) {
-    waits = waits.filter((other) => other !== job);
-    run(job);
-  }
+  if (!job.started) run(job);
   return job.promise;
 }
 
 /**
  * Fetch pictures that will be wanted soon, nearest first, and give up on all others that are
  * neither `kept` nor in the list; both name {camera, frame, enhance}.
+ * @param {PictureName[]} list @param {PictureName[]} kept
  */
 export function prefetchPictures(list, kept) {
+  /** @param {PictureName} one */
   const addressOf = ({ camera, frame, enhance }) => pictureAddress(camera, frame, enhance);
   const wanted = new Set([...kept, ...list].map(addressOf));
-  for (const [url, job] of pictures) {
+  for (const [url, job] of fetched.jobs) {
     if (!job.bitmap && !job.error && !wanted.has(url)) {
       job.controller.abort();
-      pictures.delete(url);
+      fetched.jobs.delete(url);
     }
   }
-  waits = list.map((one) => jobFor(addressOf(one))).filter((job) => !job.started);
+  fetched.waits = list.map((one) => jobFor(addressOf(one))).filter((job) => !job.started);
   next();
   forgetOld(wanted);
 }
 
 /** Forget pictures that could not be had: the server is back, or the file may be mended. */
 export function forgetFailed() {
-  for (const [url, job] of pictures) if (job.error) pictures.delete(url);
+  for (const [url, job] of fetched.jobs) if (job.error) fetched.jobs.delete(url);
 }
 
+/** @param {string} url */
 function jobFor(url) {
-  let job = pictures.get(url);
-  if (job) pictures.delete(url);
-  else {
-    job = { url, bitmap: null, error: null, controller: new AbortController(), started: false };
-    Object.assign(job, Promise.withResolvers());
-    // Nobody may be waiting for a prefetched one; who shows it gets the error from `promise`.
-    job.promise.catch(() => {});
-  }
-  pictures.set(url, job);
+  const job = fetched.jobs.get(url) ?? newJob(url);
+  fetched.jobs.delete(url);
+  fetched.jobs.set(url, job);
   return job;
 }
 
-function next() {
-  while (running < SIDE_BY_SIDE && waits.length) run(waits.shift());
+/** @param {string} url @returns {PictureJob} */
+function newJob(url) {
+  const resolvers = Promise.withResolvers();
+  // Nobody may be waiting for a prefetched one; who shows it gets the error from `promise`.
+  resolvers.promise.catch(() => {});
+  const controller = new AbortController();
+  return { url, bitmap: null, error: null, controller, started: false, ...resolvers };
 }
 
+function next() {
+  while (fetched.running < SIDE_BY_SIDE && fetched.waits.length) run(fetched.waits[0]);
+}
+
+/** @param {PictureJob} job */
 async function run(job) {
+  fetched.waits = fetched.waits.filter((other) => other !== job);
   job.started = true;
-  running += 1;
+  fetched.running += 1;
   try {
     const response = await fetchOk(job.url, { signal: job.controller.signal });
     job.bitmap = await createImageBitmap(await response.blob());
     job.resolve(job.bitmap);
   } catch (error) {
     job.error = error;
-    const passing = error.status === 0 || error.name !== "ApiError";
-    if (passing && pictures.get(job.url) === job) pictures.delete(job.url);
+    const passing = !(error instanceof ApiError) || error.status === 0;
+    if (passing && fetched.jobs.get(job.url) === job) fetched.jobs.delete(job.url);
     job.reject(error);
   } finally {
-    running -= 1;
+    fetched.running -= 1;
     next();
   }
 }
 
+/** @param {Set<string>} wanted */
 function forgetOld(wanted) {
-  for (const [url, job] of pictures) {
-    if (pictures.size <= KEPT) return;
+  for (const [url, job] of fetched.jobs) {
+    if (fetched.jobs.size <= KEPT) return;
     if (wanted.has(url)) continue;
     job.bitmap?.close();
-    pictures.delete(url);
+    fetched.jobs.delete(url);
   }
 }
 
 const USUAL_ASPECT = 0.75;
-const aspects = new Map(); // by camera
+/** @type {Map<string, number>} By camera. */
+const aspects = new Map();
 
-/** Height of a camera's frames over their width. */
+/** Height of a camera's frames over their width. @param {string} camera */
 export function frameAspect(camera) {
   return aspects.get(camera) ?? USUAL_ASPECT;
 }
 
-/** Height of a camera's patches over their width. */
+/** Height of a camera's patches over their width. @param {string} camera */
 export function patchAspect(camera) {
   const { width, height } = patchSize(1000, 1000 * frameAspect(camera));
   return height / width;
 }
 
-/** Learn the shape from a picture that was loaded; whether it differs from what was believed. */
+/**
+ * Learn the shape from a picture that was loaded; whether it differs from what was believed.
+ * @param {string} camera @param {HTMLImageElement} image
+ */
 export function learnShape(camera, image) {
   const before = frameAspect(camera);
   aspects.set(camera, image.naturalHeight / image.naturalWidth);
@@ -127,6 +153,7 @@ export function learnShape(camera, image) {
 /**
  * Address of a small picture of a frame, enhanced as the person set it; its width in CSS pixels is
  * asked for in steps, so that pictures are found again.
+ * @param {string} camera @param {number} frame @param {number} width
  */
 export function thumbAddress(camera, frame, width) {
   const pixels = Math.ceil((width * Math.min(2, window.devicePixelRatio || 1)) / 40) * 40;
@@ -140,6 +167,7 @@ export async function lookAtShapes() {
   await Promise.all(cameras.map(lookAt));
 }
 
+/** @param {string} camera */
 async function lookAt(camera) {
   const image = new Image();
   image.src = thumbAddress(camera, frames(camera)[0], 240);

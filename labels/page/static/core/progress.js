@@ -1,6 +1,6 @@
 // How far the labelling of a camera's frames is, in the header: views say which camera they show.
 
-import { setText } from "./dom.js";
+import { byId, setText } from "./dom.js";
 import { mission } from "./mission.js";
 
 let shown = "";
@@ -10,5 +10,5 @@ export function showProgress(camera = shown) {
   shown = camera;
   const states = mission.states[shown] ?? Object.values(mission.states)[0];
   const done = states.filter((state) => state === "d").length;
-  setText(document.getElementById("progress"), `${done} of ${states.length} done`);
+  setText(byId("progress"), `${done} of ${states.length} done`);
 }

@@ -1,63 +1,81 @@
 // The page's address says what is shown: #/label/left/17. Views register under the first word.
 
-import { el, say, setAttribute } from "./dom.js";
+import { byId, el, say, setAttribute } from "./dom.js";
 import { setViewKeys } from "./keys.js";
 
-const views = new Map();
-let current = null;
-let first = "";
-
 /**
- * Register a view. `under`: the view whose link stands for it.
- * @param {string} name First word of its addresses.
- * @param {{title: string, under?: string, show: Function, hide: Function, keys?: KeyEntry[],
- *   classKeys?: Function, link?: () => string}} view
- *   `show(root, parts)` is called with the address's further words, and again when they change
- *   while the view stays; `root` is emptied when another view takes over.
+ * A view, or one that is loaded when it is first shown. `under`: the view whose link stands for it;
+ * `show(root, parts)` is called with the address's further words, and again when they change while
+ * the view stays; `root` is emptied when another view takes over.
+ * @typedef {import("./keys.js").ViewKeys & {under?: string, link?: () => string,
+ *   show: (root: HTMLElement, parts: string[]) => unknown, hide: () => void}} View
+ * @typedef {{title: string, load: (again: string) => Promise<unknown>}} LaterView
  */
+
+const shown = {
+  /** @type {Map<string, View | LaterView>} */
+  views: new Map(),
+  current: "",
+  home: "", // stands for an empty or unknown address
+  failures: 0,
+};
+
+/** Register a view. @param {string} name First word of its addresses. @param {View} view */
 export function addView(name, view) {
-  views.set(name, view);
+  shown.views.set(name, view);
+}
+
+/** The view of a name. @param {string} name */
+function viewOf(name) {
+  return /** @type {View} */ (shown.views.get(name));
 }
 
 /**
  * Register a view whose module is loaded when it is first shown, and registers itself then.
  * `title`: of its link, "" for a view that others lead to. `load(again)`: `again` ends the module's
  * address, as browsers do not fetch an address again that could not be had.
+ * @param {string} name @param {string} title @param {LaterView["load"]} load
  */
 export function addLaterView(name, title, load) {
-  views.set(name, { title, load });
+  shown.views.set(name, { title, load });
 }
 
 /** Load the views that nobody has shown yet, so that they are there when the server is not. */
 export async function loadLaterViews() {
-  for (const { load } of [...views.values()]) {
+  for (const view of [...shown.views.values()]) {
     try {
-      await load?.("");
+      if ("load" in view) await view.load("");
     } catch {
       return; // Loaded, or complained of, when it is shown.
     }
   }
 }
 
-/** Go to an address, "#/label/left/17"; `replace`: no new entry for the Back button. */
+/**
+ * Go to an address, "#/label/left/17"; `replace`: no new entry for the Back button.
+ * @param {string} hash @param {{replace?: boolean}} [options]
+ */
 export function go(hash, { replace = false } = {}) {
   if (hash !== location.hash) history[replace ? "replaceState" : "pushState"](null, "", hash);
   route();
 }
 
-/** Show another address without going anywhere: what is shown moved on by itself. */
+/**
+ * Show another address without going anywhere: what is shown moved on by itself.
+ * @param {string} hash
+ */
 export function noteAddress(hash) {
   if (hash !== location.hash) history.replaceState(null, "", hash);
 }
 
 /** The name of the view that is shown. */
 export function currentView() {
-  return current;
+  return shown.current;
 }
 
-/** Begin to follow the address; `home` stands for an empty or unknown one. */
+/** Begin to follow the address. @param {string} home Stands for an empty or unknown one. */
 export function startRouting(home) {
-  first = home;
+  shown.home = home;
   window.addEventListener("popstate", route);
   buildLinks();
   route();
@@ -65,30 +83,29 @@ export function startRouting(home) {
 
 function route() {
   const [name, ...parts] = location.hash.replace(/^#\/?/, "").split("/").map(decode);
-  if (!views.has(name)) {
-    noteAddress(first);
-    return void (views.has(first.split("/")[1]) && route());
+  const view = shown.views.get(name);
+  if (!view) {
+    noteAddress(shown.home);
+    return void (shown.views.has(shown.home.split("/")[1]) && route());
   }
-  const view = views.get(name);
-  if (view.load) return void loadView(name, view.load);
-  const root = document.getElementById("view");
-  if (name !== current) {
-    if (current) views.get(current).hide();
+  if ("load" in view) return void loadView(name, view.load);
+  const root = byId("view");
+  if (name !== shown.current) {
+    if (shown.current) viewOf(shown.current).hide();
     root.replaceChildren();
-    current = name;
+    shown.current = name;
     setViewKeys(view);
     markLink();
   }
   view.show(root, parts);
 }
 
-let failures = 0;
-
+/** @param {string} name @param {LaterView["load"]} load */
 async function loadView(name, load) {
   try {
-    await load(failures ? `?again=${failures}` : "");
+    await load(shown.failures ? `?again=${shown.failures}` : "");
   } catch (error) {
-    failures += 1;
+    shown.failures += 1;
     if (!(error instanceof TypeError)) throw error;
     const words = "This view cannot be loaded now; choose it again when the server answers.";
     return say(words, { bad: true });
@@ -97,6 +114,7 @@ async function loadView(name, load) {
   if (location.hash.startsWith(`#/${name}`)) route();
 }
 
+/** @param {string} word */
 function decode(word) {
   try {
     return decodeURIComponent(word);
@@ -106,21 +124,21 @@ function decode(word) {
 }
 
 function buildLinks() {
-  const linked = [...views].filter(([, view]) => view.title);
-  const links = linked.map(([name, view]) => {
-    const follow = (event) => {
+  const linked = [...shown.views].filter(([, view]) => view.title);
+  const links = linked.map(([name, { title }]) => {
+    const link = el("a", { text: title, href: `#/${name}`, "data-view": name });
+    link.addEventListener("click", (event) => {
       event.preventDefault();
-      go(views.get(name).link?.() ?? `#/${name}`);
-    };
-    const on = { click: follow };
-    return el("a", { text: view.title, href: `#/${name}`, "data-view": name, on });
+      go(viewOf(name).link?.() ?? `#/${name}`);
+    });
+    return link;
   });
-  document.getElementById("views").replaceChildren(...links);
+  byId("views").replaceChildren(...links);
 }
 
 function markLink() {
-  const shown = views.get(current).under ?? current;
-  for (const link of document.querySelectorAll("#views a")) {
-    setAttribute(link, "aria-current", link.dataset.view === shown && "page");
+  const name = viewOf(shown.current).under ?? shown.current;
+  for (const link of byId("views").children) {
+    setAttribute(link, "aria-current", link.getAttribute("data-view") === name && "page");
   }
 }

@@ -3,8 +3,12 @@
 
 import { signal } from "./dom.js";
 
-// What something gives that works with the storage, or what to take where the storage does not let
-// us. Reading the property itself throws where a browser blocks it.
+/**
+ * What something gives that works with the storage, or what to take where the storage does not let
+ * us. Reading the property itself throws where a browser blocks it.
+ * @template T, U
+ * @param {() => T} work @param {U} otherwise @returns {T | U}
+ */
 function tried(work, otherwise) {
   try {
     return work();
@@ -16,34 +20,41 @@ function tried(work, otherwise) {
 const local = tried(() => window.localStorage, null);
 const session = tried(() => window.sessionStorage, null);
 
-/** What is stored under a name, parsed; null where there is nothing or it cannot be read. */
+/**
+ * What is stored under a name, parsed; null where there is nothing or it cannot be read.
+ * @param {string} name @param {?Storage} [store]
+ */
 export function read(name, store = local) {
-  return tried(() => JSON.parse(store.getItem(name)), null);
+  return tried(() => JSON.parse(store?.getItem(name) ?? "null"), null);
 }
 
-/** Store a value; whether it is there then. */
+/**
+ * Store a value; whether it is there then.
+ * @param {string} name @param {unknown} value @param {?Storage} [store]
+ */
 export function write(name, value, store = local) {
   const text = JSON.stringify(value);
   const put = () => {
-    store.setItem(name, text);
-    return store.getItem(name) === text;
+    store?.setItem(name, text);
+    return store?.getItem(name) === text;
   };
   return tried(put, false);
 }
 
-/** Forget a name. */
+/** Forget a name. @param {string} name */
 export function remove(name) {
-  tried(() => local.removeItem(name));
+  tried(() => local?.removeItem(name), null);
 }
 
-/** The stored names that start with a text, sorted. */
+/** The stored names that start with a text, sorted. @param {string} prefix @returns {string[]} */
 export function names(prefix) {
-  return tried(() => Object.keys(local).filter((name) => name.startsWith(prefix)).sort(), []);
+  return tried(() => Object.keys(local ?? {}).filter((name) => name.startsWith(prefix)).sort(), []);
 }
 
 const SETTINGS = "tokt.settings";
 const IDENTITY = "tokt.identity";
 
+/** What a person sets; `blindOf`: whose frames are labelled blind; 0 columns: as many as usual. */
 const DEFAULTS = {
   enhance: 60,
   tint: 25,
@@ -57,34 +68,56 @@ const DEFAULTS = {
   rate: 5,
   beside: false,
   selected: "",
+  blindOf: "",
+  overviewColumns: 0,
+  tileWidth: 84,
+  tileMargin: 0.25,
 };
 
+/** @typedef {typeof DEFAULTS} Settings */
+/** @typedef {keyof Settings} SettingName */
+
+/** @type {Settings} */
 let settings = { ...DEFAULTS, ...read(SETTINGS) };
 
-/** Be told of changed settings: `onSetting((name, value) => ...)` returns what stops it. */
-const [onSetting, settingChanged] = signal();
-export { onSetting };
+/**
+ * Be told of changed settings: `onSetting((name) => ...)` returns what stops it.
+ * @type {import("./dom.js").Signal<[name: SettingName]>}
+ */
+export const [onSetting, settingChanged] = signal();
 
-/** The value of a setting. */
+/**
+ * The value of a setting.
+ * @template {SettingName} N
+ * @param {N} name
+ */
 export function setting(name) {
   return settings[name];
 }
 
-/** Change a setting; kept in this browser where it lets us. */
+/**
+ * Change a setting; kept in this browser where it lets us.
+ * @template {SettingName} N
+ * @param {N} name @param {Settings[N]} value
+ */
 export function setSetting(name, value) {
   if (settings[name] === value) return;
   settings = { ...settings, [name]: value };
   write(SETTINGS, settings);
-  settingChanged(name, value);
+  settingChanged(name);
 }
 
-/** Make a number among the settings larger or smaller, from 0 to `most`. */
+/**
+ * Make a number among the settings larger or smaller, from 0 to `most`.
+ * @param {"enhance" | "confidence"} name @param {number} by @param {number} most
+ */
 export function changeSetting(name, by, most) {
   const value = Math.round((settings[name] + by) * 100) / 100;
   setSetting(name, Math.min(most, Math.max(0, value)));
 }
 
 // A tab keeps its person over reloads; a new tab starts as the last one on this computer did.
+/** @type {{who?: string, blind?: boolean, preset?: boolean}} */
 let identity = read(IDENTITY, session) ?? read(IDENTITY) ?? {};
 
 /** The annotator of this tab; "" until a person said so. */
@@ -98,7 +131,7 @@ export function lastPerson() {
   return identity;
 }
 
-/** Choose who works here. */
+/** Choose who works here. @param {string} name */
 export function setWho(name) {
   identity = { who: name };
   write(IDENTITY, identity, session);

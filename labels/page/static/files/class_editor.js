@@ -1,33 +1,41 @@
 // The table of classes: names, colours, keys, which are obstacles, of which kind, in which order.
 
 import { get, onFailure, post } from "../core/api.js";
-import { button, el, say } from "../core/dom.js";
+import { complain } from "../core/controls.js";
+import { button, el, part, say } from "../core/dom.js";
+
+/**
+ * @import { Options } from "../core/dom.js"
+ * @import { ClassesAnswer, UsedClass } from "../core/messages.js"
+ * @typedef {"name" | "color" | "key" | "obstacle" | "parent" | "description"} Field
+ */
 
 /** A table of the workspace's classes that can be changed and saved as a whole. */
 export function classEditor() {
   const root = el("div", {});
-  const failed = ({ message }) => say(message, { bad: true });
   const load = async () => {
-    const known = await get("/api/classes").catch(onFailure(failed));
+    const known = await get("/api/classes").catch(onFailure(complain()));
     if (known) showClasses(root, known, load);
   };
   load();
   return root;
 }
 
+/** @param {HTMLElement} root @param {ClassesAnswer} answer @param {() => void} load */
 function showClasses(root, { classes, setup, fixed }, load) {
   const rows = classes.map((known) => ({ ...known }));
   const body = el("tbody", {});
+  /** @type {() => void} */
   const draw = () => body.replaceChildren(...rows.map((row, at) => rowOf(row, at, rows, draw)));
   const add = () => {
     rows.push({ name: "", obstacle: true, color: "#c85fd0", key: "", description: "", parent: "", labels: 0 });
     draw();
-    body.lastChild.querySelector("input").focus();
+    if (body.lastElementChild) part(body.lastElementChild, "input").focus();
   };
   const save = async () => {
     const changed = rows.map(({ labels, given, ...one }) => one);
-    const explain = ({ message }) => say(`Not saved: ${message}`, { bad: true });
-    const answer = await post("/api/classes", { setup, classes: changed }).catch(onFailure(explain));
+    const request = post("/api/classes", { setup, classes: changed });
+    const answer = await request.catch(onFailure(complain("Not saved:")));
     if (answer) say("The classes are saved.");
     if (answer) load();
   };
@@ -43,15 +51,20 @@ function showClasses(root, { classes, setup, fixed }, load) {
   );
 }
 
+/** @param {UsedClass} row @param {number} at @param {UsedClass[]} rows @param {() => void} draw */
 function rowOf(row, at, rows, draw) {
-  const set = (name) => ({ target }) => {
-    row[name] = target.type === "checkbox" ? target.checked : target.value;
-  };
+  /** @param {Field} name @param {string} label @param {Options<"input">} options */
   const input = (name, label, options) => {
     const value = row[name];
     const state = options.type === "checkbox" ? { checked: value } : { value };
-    return el("td", {}, el("input", { ...options, ...state, "aria-label": label, on: { input: set(name) } }));
+    const made = el("input", { ...options, ...state, "aria-label": label });
+    made.addEventListener("input", () => {
+      const set = options.type === "checkbox" ? made.checked : made.value;
+      Object.assign(row, { [name]: set });
+    });
+    return el("td", {}, made);
   };
+  /** @param {number} step */
   const move = (step) => () => {
     rows.splice(at + step, 0, ...rows.splice(at, 1));
     draw();

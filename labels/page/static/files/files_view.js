@@ -2,7 +2,7 @@
 // with these labels.
 
 import { address, get, onFailure, post, send } from "../core/api.js";
-import { choice } from "../core/controls.js";
+import { choice, complain } from "../core/controls.js";
 import { button, el, say } from "../core/dom.js";
 import { mission, onChange, onReload, who } from "../core/mission.js";
 import { addView, go } from "../core/router.js";
@@ -12,10 +12,23 @@ const ANY = "as the file says";
 const EVERYBODY = "everybody";
 const LEAVE_OUT = "leave out";
 
-let parts = null; // {job}: elements of the view while it is shown
+/**
+ * @import { Choice } from "../core/controls.js"
+ * @import { Child } from "../core/dom.js"
+ * @import { Imported } from "../core/messages.js"
+ * @typedef {(named: Record<string, string>, apply?: boolean) => void} Read Reads the chosen file.
+ */
 
+/** The view's state; all of it. */
+const view = {
+  /** @type {?{root: HTMLElement, job: HTMLElement}} Elements of the view while it is shown. */
+  parts: null,
+};
+
+/** @param {HTMLElement} root */
 function show(root) {
-  parts = { root, job: el("div", { class: "job", role: "status" }) };
+  const job = el("div", { class: "job", role: "status" });
+  view.parts = { root, job };
   root.replaceChildren(
     el("section", { class: "files", tabindex: -1, "data-home": true, "aria-label": "files" },
       card("Export labels", ...exporting()),
@@ -24,30 +37,32 @@ function show(root) {
         el("p", { text: "All labels and notes of the workspace, in one checked file." }),
         link("Download a backup", address("/api/backup")),
       ),
-      card("Model and audit", ...jobs(), parts.job),
+      card("Model and audit", ...jobs(), job),
       card("Classes", classEditor()),
     ),
   );
   showJob();
 }
 
+/** @param {string} title @param {...Child} children */
 function card(title, ...children) {
   return el("section", { class: "card" }, el("h2", { text: title }), ...children);
 }
 
+/** @param {string} words @param {Child} control */
 function field(words, control) {
   return el("label", { class: "field" }, el("span", { text: words }), control);
 }
 
+/** @param {string} text @param {string} href */
 function link(text, href) {
   return el("a", { class: "button main", text, href, download: "" });
 }
 
+/** @param {string[]} texts */
 function lines(texts) {
   return el("ul", {}, ...texts.map((text) => el("li", { text })));
 }
-
-const failed = ({ message }) => say(message, { bad: true });
 
 // ---- Labels out
 
@@ -55,6 +70,7 @@ function exporting() {
   const form = choice(Object.entries(mission.formats), "csv", { on: { change: check } });
   const people = mission.blind ? [who()] : [EVERYBODY, ...mission.annotators];
   const whose = choice(people, mission.blind ? who() : EVERYBODY, { on: { change: check } });
+  /** @type {HTMLInputElement} */
   const full = el("input", { type: "checkbox", checked: true, on: { change: check } });
   const told = el("div", { role: "status" });
   const download = link("Download", "#");
@@ -64,11 +80,12 @@ function exporting() {
     const only = whose.value === EVERYBODY ? null : whose.value;
     const wanted = { format: form.value, only, full: full.checked ? 1 : null };
     download.href = address("/api/export", wanted);
-    const answer = await get("/api/export", { ...wanted, check: 1 }).catch(onFailure((e) => e));
-    const { labels = 0, lost = [], message } = answer;
-    download.hidden = Boolean(message);
-    const words = message ?? `${labels.toLocaleString("en")} labels of ${mission.mission}.`;
-    told.replaceChildren(el("p", { text: words }), lines(lost));
+    const request = get("/api/export", { ...wanted, check: 1 });
+    const answer = await request.catch(onFailure(({ message }) => message)) ?? "";
+    download.hidden = typeof answer === "string";
+    if (typeof answer === "string") return told.replaceChildren(el("p", { text: answer }));
+    const words = `${answer.labels.toLocaleString("en")} labels of ${mission.mission}.`;
+    told.replaceChildren(el("p", { text: words }), lines(answer.lost));
   }
   check();
   return [
@@ -91,17 +108,20 @@ function importing() {
   const cameras = Object.keys(mission.cameras);
   const camera = choice(cameras, cameras[0], { on });
   const told = el("div", { role: "status" });
-  // What the file's classes are here: {theirs: ours}; ours is "" for those to leave out.
+  /**
+   * What the file's classes are here: {theirs: ours}; ours is "" for those to leave out.
+   * @param {Record<string, string>} named
+   */
   async function read(named, apply = false) {
-    if (!file.files.length) return;
-    const [chosen] = file.files;
+    const chosen = file.files?.[0];
+    if (!chosen) return;
     const params = { name: chosen.name, format: form.value || null, apply: apply ? 1 : null };
     Object.assign(params, { annotator: annotator.value.trim() || null, camera: camera.value });
     const map = Object.entries(named).map(([theirs, ours]) => `${theirs}=${ours}`);
     told.replaceChildren(el("p", { text: apply ? "Importing …" : "Reading …" }));
     const request = send("/api/import", { ...params, map }, chosen);
-    const answer = await request.catch(onFailure((error) => error));
-    if (answer.message) told.replaceChildren(el("p", { class: "bad", text: answer.message }));
+    const answer = await request.catch(onFailure(({ message }) => message)) ?? "";
+    if (typeof answer === "string") told.replaceChildren(el("p", { class: "bad", text: answer }));
     else if (answer.unknown.length) told.replaceChildren(...asking(answer.unknown, named, read));
     else told.replaceChildren(...found(answer, () => read(named, true)));
   }
@@ -114,38 +134,46 @@ function importing() {
   ];
 }
 
+/** @param {string[]} unknown @param {Record<string, string>} named @param {Read} read */
 function asking(unknown, named, read) {
   const given = mission.classes.filter(({ key }) => key).map(({ name }) => name);
+  /** @type {Choice[]} */
   const ours = [["", LEAVE_OUT], ...given];
-  const rows = unknown.map((theirs) => [theirs, choice(ours, "")]);
-  const chosen = () => Object.fromEntries(rows.map(([theirs, control]) => [theirs, control.value]));
+  const rows = unknown.map((theirs) => ({ theirs, control: choice(ours, "") }));
+  const pairs = () => rows.map(({ theirs, control }) => [theirs, control.value]);
   return [
     el("p", { text: "The file has classes that this workspace does not have. What are they here?" }),
-    ...rows.map(([theirs, control]) => field(theirs, control)),
-    button("Go on", () => read({ ...named, ...chosen() }), { class: "main" }),
+    ...rows.map(({ theirs, control }) => field(theirs, control)),
+    button("Go on", () => read({ ...named, ...Object.fromEntries(pairs()) }), { class: "main" }),
   ];
 }
 
+/** @param {Imported} told @param {() => void} apply */
 function found({ applied, annotators, labels, here, lost, ...counts }, apply) {
-  const kinds = { new: "new", changed: "changed", unchanged: "known already", settled: "settled" };
-  const parts_ = Object.entries(kinds)
-    .filter(([kind]) => counts[kind])
-    .map(([kind, words]) => `${counts[kind].toLocaleString("en")} ${words}`);
+  /** @type {[count: number, words: string][]} */
+  const kinds = [
+    [counts.new, "new"], [counts.changed, "changed"], [counts.unchanged, "known already"],
+    [counts.settled, "settled"],
+  ];
+  const some = kinds.filter(([count]) => count);
+  const told = some.map(([count, kind]) => `${count.toLocaleString("en")} ${kind}`);
   const words = `${labels.toLocaleString("en")} labels by ${annotators.join(", ")}`;
   const other = here < labels ? [`${labels - here} of other missions or grids`] : [];
-  const head = `${applied ? "Imported" : "The file has"} ${words}: ${parts_.join(", ")}.`;
+  const head = `${applied ? "Imported" : "The file has"} ${words}: ${told.join(", ")}.`;
   return [
     el("p", { text: head }),
     lines([...other, ...lost]),
-    applied ? null : button(`Import ${labels.toLocaleString("en")} labels`, apply, { class: "main" }),
-  ].filter(Boolean);
+    applied ? "" : button(`Import ${labels.toLocaleString("en")} labels`, apply, { class: "main" }),
+  ];
 }
 
 // ---- What the other commands do
 
 function jobs() {
+  /** @param {{what: string}} body */
   const start = (body) => async () => {
-    await post("/api/job", body).then(({ job }) => (mission.job = job)).catch(onFailure(failed));
+    const answer = await post("/api/job", body).catch(onFailure(complain()));
+    if (answer) mission.job = answer.job;
     showJob();
   };
   const model = mission.model
@@ -164,18 +192,23 @@ function jobs() {
   ];
 }
 
+function cancelJob() {
+  return post("/api/job/cancel", {}).catch(onFailure(complain()));
+}
+
+/** @type {Record<string, string>} */
 const SAID = { done: "Done", failed: "Failed", cancelled: "Cancelled" };
 
 async function showJob() {
-  const here = parts;
+  const here = view.parts;
   const { job } = mission;
   if (!here || !job) return;
   const name = job.what === "audit" ? "The audit" : "The model";
-  const { what, done, total } = job.progress ?? {};
+  const { what = "", done = 0, total = 0 } = job.progress ?? {};
   const running = job.state === "running";
   const doing = what ? `${what}, ${done} of ${total}` : "begins";
   const answer = await get("/api/job").catch(onFailure());
-  if (here !== parts || job !== mission.job) return; // there is news by now
+  if (here !== view.parts || job !== mission.job) return; // there is news by now
   here.job.replaceChildren(
     el("p", { class: job.state === "failed" ? "bad" : "" ,
       text: running
@@ -183,17 +216,21 @@ async function showJob() {
         : `${name}. ${SAID[job.state]}${job.error ? `: ${job.error}` : "."}`,
     }),
     ...(running && total ? [el("progress", { max: total, value: done, "aria-label": what })] : []),
-    ...(running ? [button("Cancel", () => post("/api/job/cancel", {}).catch(onFailure(failed)))] : []),
+    ...(running ? [button("Cancel", cancelJob)] : []),
     ...(job.state === "done" && job.what === "audit" ? [button("Look at them", () => go("#/audit"))] : []),
     el("details", {}, el("summary", { text: "What it printed" }),
       el("pre", { text: answer?.job?.lines.join("\n") ?? "" })),
   );
 }
 
-addView("files", { title: "Files and models", show, hide: () => (parts = null), keys: [] });
+function hide() {
+  view.parts = null;
+}
+
+addView("files", { title: "Files and models", show, hide, keys: [] });
 
 onChange((what) => {
-  if (parts && what === "all") show(parts.root);
-  else if (parts && what === "status") showJob();
+  if (view.parts && what === "all") show(view.parts.root);
+  else if (view.parts && what === "status") showJob();
 });
-onReload(() => parts && parts.root.replaceChildren()); // another person's files
+onReload(() => view.parts?.root.replaceChildren()); // another person's files

@@ -7,11 +7,15 @@ import { picture, pictureNow } from "../core/pictures.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
 import { FrameCanvas } from "./frame_canvas.js";
 
+/** @import { FrameShow } from "./frame_show.js" */
+
 /** Shows it, or hides its canvas. */
 export class Beside {
-  /** `show`: the FrameShow whose frame it is; `element`: a canvas. */
+  /** @param {FrameShow} show Whose frame it is. @param {HTMLCanvasElement} element */
   constructor(show, element) {
-    Object.assign(this, { show, element, asked: "" });
+    this.show = show;
+    this.element = element;
+    this.asked = "";
     this.canvas = new FrameCanvas(element);
     show.canvas.beside = this.canvas;
     element.addEventListener("pointerdown", () =>
@@ -25,7 +29,7 @@ export class Beside {
     const { beside: camera, frame, enhance } = show;
     element.hidden = camera === null;
     if (camera === null) return;
-    element.style.order = camera === Object.keys(mission.cameras)[0] ? -1 : 0;
+    element.style.order = camera === Object.keys(mission.cameras)[0] ? "-1" : "0";
     element.setAttribute("aria-label", `${camera} frame ${frame}, to look at`);
     const asked = `${camera}/${frame}/${enhance}`;
     const bitmap = pictureNow(camera, frame, enhance);
@@ -35,6 +39,7 @@ export class Beside {
     if (bitmap || asked !== this.asked) canvas.set({ message: "" });
     if (bitmap || asked === this.asked) return;
     this.asked = asked;
+    /** @param {string} message */
     const come = (message) => {
       if (asked !== this.asked) return; // another one is shown by now
       if (message) canvas.set({ message });

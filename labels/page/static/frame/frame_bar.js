@@ -10,17 +10,27 @@ import { filterChoices, filterName, filterSelect, passingFrames } from "../label
 import { STATES } from "../labelling/frame_states.js";
 import { kindOf } from "../labelling/suggest.js";
 
-/** Build the bar of commands, by name, and the status line: {root, legend, show(camera, frame)}. */
-export function buildBar(commands, keyFor, status) {
+/**
+ * @import { Command } from "../core/controls.js"
+ * @import { FrameInfo } from "../core/messages.js"
+ * @import { ShownLabels } from "../saving/labels.js"
+ * @import { Hint } from "../labelling/painting.js"
+ */
+
+/**
+ * Build the bar of commands, by name, and the status line.
+ * @param {Record<string, Command>} commands @param {(frame: number) => void} goTo
+ * @param {(command: string) => string} keyFor @param {HTMLElement} status
+ */
+export function buildBar(commands, goTo, keyFor, status) {
   const command = commandButtons(commands, keyFor);
   const number = el("input", {
     type: "number", "aria-label": "Frame number", class: "frame-number",
-    on: {
-      change: () => number.value && commands.goTo(Number(number.value)),
-      // Leaving it is what changes it.
-      keydown: ({ key }) => key === "Enter" && focusView(),
-    },
+    // Leaving it is what changes it.
+    on: { keydown: ({ key }) => key === "Enter" && focusView() },
   });
+  number.addEventListener("change", () => number.value && goTo(Number(number.value)));
+  const player = el("span", { class: "player" });
   const place = el("span", { class: "place" });
   const camera = command("", "camera", "Left or right camera");
   const both = command("Both", "beside", "Left and right side by side");
@@ -32,16 +42,17 @@ export function buildBar(commands, keyFor, status) {
     number,
     command("▶", "next", "Next frame", { "aria-label": "Next frame" }),
     place,
-    el("span", { class: "player" }),
+    player,
     camera,
     both,
     filter,
     matches,
     status,
   );
+  /** @param {string} where @param {number} frame */
   const show = (where, frame) => {
     const list = frames(where);
-    if (document.activeElement !== number) number.value = frame;
+    if (document.activeElement !== number) number.value = String(frame);
     place.textContent = `${frameIndex(where, frame) + 1} of ${list.length}`;
     camera.hidden = both.hidden = Object.keys(mission.cameras).length < 2;
     setAttribute(both, "aria-pressed", String(setting("beside")));
@@ -55,21 +66,28 @@ export function buildBar(commands, keyFor, status) {
     matches.textContent = all ? "" : `${passingFrames(where).length} frames match`;
     showLegend(legend, where);
   };
-  return { root, legend, show };
+  return { root, number, player, legend, show };
 }
 
+/** @param {HTMLElement} root @param {string} camera */
 function showLegend(root, camera) {
+  /** @type {Record<string, number>} */
   const counts = {};
   for (const state of mission.states[camera]) counts[state] = (counts[state] ?? 0) + 1;
-  const item = ([state, { words }]) =>
-    el("span", { class: "legend-item" },
-      el("i", { class: `legend-mark state-${state}`, "aria-hidden": "true" }),
-      `${words} ${counts[state] ?? 0}`,
+  const items = () =>
+    Object.entries(STATES).map(([state, { words }]) =>
+      el("span", { class: "legend-item" },
+        el("i", { class: `legend-mark state-${state}`, "aria-hidden": "true" }),
+        `${words} ${counts[state] ?? 0}`,
+      ),
     );
-  redraw(root, counts, () => Object.entries(STATES).map(item));
+  redraw(root, counts, items);
 }
 
-/** A frame in words; `labels` where they are loaded. */
+/**
+ * A frame in words; `labels` where they are loaded.
+ * @param {string} camera @param {number} frame @param {?ShownLabels} labels
+ */
 export function describeFrame(camera, frame, labels) {
   const words = [`${camera} frame ${frame}`];
   if (labels) {
@@ -81,26 +99,34 @@ export function describeFrame(camera, frame, labels) {
   return words.join(" · ");
 }
 
-/** When and where a frame was taken, in words; `said`: by /api/frame_info, {} for nothing. */
+/**
+ * When and where a frame was taken, in words; `said`: by /api/frame_info, {} for nothing.
+ * @param {FrameInfo} said
+ */
 export function describeInfo(said) {
   const time = said.time?.replace("T", " ").replace(/(\.\d+)?Z$/, " UTC");
-  const parts = {
-    [time]: said.time,
-    [`depth ${said.depth_m} m`]: said.depth_m,
-    [`altitude ${said.above_ground_m} m`]: said.above_ground_m,
-    [`heading ${said.heading_deg}°`]: said.heading_deg,
-    [`${said.latitude}°, ${said.longitude}°`]: said.latitude,
-  };
-  const known = ([, value]) => value !== null && value !== undefined;
-  return Object.entries(parts).filter(known).map(([words]) => words).join(", ");
+  /** @type {[words: string | undefined, value: unknown][]} */
+  const parts = [
+    [time, said.time],
+    [`depth ${said.depth_m} m`, said.depth_m],
+    [`altitude ${said.above_ground_m} m`, said.above_ground_m],
+    [`heading ${said.heading_deg}°`, said.heading_deg],
+    [`${said.latitude}°, ${said.longitude}°`, said.latitude],
+  ];
+  const known = parts.filter(([, value]) => value !== null && value !== undefined);
+  return known.map(([words]) => words).join(", ");
 }
 
+/** @param {Hint} hint */
 function surety({ strong, percent, said }) {
-  const kind = kindOf(said) ? "an obstacle" : "clear";
+  const kind = kindOf(said ?? "") ? "an obstacle" : "clear";
   return (strong ? "sure" : "unsure") + (percent === null ? "" : ` (${kind}: ${percent} %)`);
 }
 
-/** A patch in words; `hint`: what is proposed for it, or null. */
+/**
+ * A patch in words; `hint`: what is proposed for it, or null.
+ * @param {number} cell @param {ShownLabels} labels @param {?Hint | undefined} hint
+ */
 export function describeCell(cell, labels, hint) {
   const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label"}`];
   const version = labels.models[cell];
@@ -112,10 +138,10 @@ export function describeCell(cell, labels, hint) {
     else words.push(`model suggests ${hint.label}, ${surety(hint)}`);
     if (hint.against) words.push(`the model says ${hint.said}`);
   }
-  const theirs = Object.entries(labels.others).map(([name, all]) => [name, all[cell]]);
-  for (const [name, label] of theirs) if (label !== null) words.push(`${name}: ${label}`);
+  const others = Object.entries(labels.others);
+  for (const [name, all] of others) if (all[cell] !== null) words.push(`${name}: ${all[cell]}`);
   if (labels.settled[cell] !== null) words.push(`settled: ${labels.settled[cell]}`);
-  else if (disagree([labels.mine[cell], ...theirs.map(([, label]) => label)])) {
+  else if (disagree([labels.mine[cell], ...others.map(([, all]) => all[cell])])) {
     words.push("disagreement");
   }
   return words.join(", ");

@@ -1,125 +1,47 @@
-// The canvas of one frame: picture, grid, labels, hints, cursor, and row and column heads; zoom and
-// pan: from frame pixels to the canvas and back.
+// The canvas of one frame: picture, grid, labels, hints, cursor, and row and column heads.
 
 import {
   drawCells, drawCursor, drawNotes, drawOthers, drawPending, drawStroke, shownCell,
 } from "../labelling/cell_drawing.js";
-import { soon } from "../core/dom.js";
+import { contextOf, soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
-import { cellAt, patchSize, rowCol } from "../core/patch_grid.js";
+import { cellAt, rowCol } from "../core/patch_grid.js";
+import { Viewport } from "./viewport.js";
 
 const PIXELS_FROM = 3; // screen pixels a frame pixel from which they are shown as squares
 const HEAD_EVERY = 18; // least CSS pixels between two heads
-const MAX_ZOOM = 24;
-const MARGIN = { left: 26, top: 20, right: 6, bottom: 6 }; // CSS pixels: row and column heads
 
-/** What part of a frame the canvas shows. Sizes in CSS pixels. */
-export class Viewport {
-  constructor() {
-    this.canvas = { width: 1, height: 1 };
-    this.frame = { width: 4, height: 3 };
-    this.zoom = 1; // 1: the whole frame fits
-    this.centre = { x: 0.5, y: 0.5 }; // parts of the frame
-  }
-
-  /** Pixels of the canvas for one of the frame. */
-  get scale() {
-    const { width, height } = this.room;
-    return Math.min(width / this.frame.width, height / this.frame.height) * this.zoom;
-  }
-
-  /** The part of the canvas that the frame may fill. */
-  get room() {
-    return {
-      width: Math.max(1, this.canvas.width - MARGIN.left - MARGIN.right),
-      height: Math.max(1, this.canvas.height - MARGIN.top - MARGIN.bottom),
-    };
-  }
-
-  /** Size of a patch in frame pixels. */
-  get patch() {
-    return patchSize(this.frame.width, this.frame.height);
-  }
-
-  /** Where the frame's upper left corner lies on the canvas. */
-  get origin() {
-    const { width, height } = this.room;
-    return {
-      x: MARGIN.left + width / 2 - this.centre.x * this.frame.width * this.scale,
-      y: MARGIN.top + height / 2 - this.centre.y * this.frame.height * this.scale,
-    };
-  }
-
-  /** From canvas to frame pixels. */
-  toFrame(x, y) {
-    const { origin, scale } = this;
-    return { x: (x - origin.x) / scale, y: (y - origin.y) / scale };
-  }
-
-  /** Zoom by a factor; what lies under (x, y) on the canvas stays there. */
-  zoomBy(factor, x, y) {
-    const held = this.toFrame(x, y);
-    this.zoom = Math.min(MAX_ZOOM, Math.max(1, this.zoom * factor));
-    const now = this.toFrame(x, y);
-    this.moveCentre(held.x - now.x, held.y - now.y);
-  }
-
-  /** Zoom by a factor at the middle. */
-  zoomMiddle(factor) {
-    const { width, height } = this.room;
-    this.zoomBy(factor, MARGIN.left + width / 2, MARGIN.top + height / 2);
-  }
-
-  /** Show the whole frame. */
-  fit() {
-    this.zoom = 1;
-    this.centre = { x: 0.5, y: 0.5 };
-  }
-
-  /** Move the picture by canvas pixels. */
-  pan(dx, dy) {
-    this.moveCentre(-dx / this.scale, -dy / this.scale);
-  }
-
-  /** Move so that a box of frame pixels is in sight. */
-  reveal({ x, y, width, height }) {
-    const first = this.toFrame(MARGIN.left, MARGIN.top);
-    const { width: w, height: h } = this.room;
-    const last = this.toFrame(MARGIN.left + w, MARGIN.top + h);
-    this.moveCentre(
-      Math.min(0, x - first.x) + Math.max(0, x + width - last.x),
-      Math.min(0, y - first.y) + Math.max(0, y + height - last.y),
-    );
-  }
-
-  moveCentre(dx, dy) {
-    const { centre, frame, room, scale } = this;
-    this.centre = {
-      x: hold(centre.x + dx / frame.width, room.width, frame.width * scale),
-      y: hold(centre.y + dy / frame.height, room.height, frame.height * scale),
-    };
-  }
-}
-
-// The frame's edge does not come inside the canvas while the frame is larger than it.
-function hold(centre, room, size) {
-  if (size <= room) return 0.5;
-  const half = room / size / 2;
-  return Math.min(1 - half, Math.max(half, centre));
-}
+/**
+ * @import { ShownLabels } from "../saving/labels.js"
+ * @import { Box, CellPlan } from "../labelling/cell_drawing.js"
+ * @import { Hint } from "../labelling/painting.js"
+ *
+ * What is drawn; `dim`: the picture is of before; `plain`: the picture and grid only; `pending`:
+ * cells that are not saved; `tag` is handed to `onDrawn`.
+ * @typedef {{bitmap: ?ImageBitmap, dim?: boolean, labels: ?ShownLabels, hints: (?Hint)[],
+ *   message: string, badge: string, cursor?: ?number, selection?: number[],
+ *   stroke?: ?{cells: Iterable<number>, label: ?string}, plain?: boolean,
+ *   pending?: Iterable<number>, tag?: ?string}} Content
+ *
+ * A point of the canvas in patches; `cell` -1 outside of all; `head`: of the row or column whose
+ * head was hit.
+ * @typedef {{x: number, y: number, cell: number, head: ?{row?: number, col?: number}}} Hit
+ */
 
 /** Draws what `content` says, once a screen refresh at most. */
 export class FrameCanvas {
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
     this.canvas = canvas;
-    this.ctx = canvas.getContext("2d", { alpha: false });
+    this.ctx = contextOf(canvas, false);
     this.viewport = new Viewport();
+    /** @type {{canvas: HTMLCanvasElement, bitmap: ?ImageBitmap, key: string}} */
     this.ground = { canvas: document.createElement("canvas"), bitmap: null, key: "" };
-    /** What to draw; see `set`. */
+    /** @type {Content} */
     this.content = { bitmap: null, labels: null, hints: [], message: "", badge: "" };
+    /** @type {(tag: ?string | undefined) => void} */
     this.onDrawn = () => {};
-    /** A canvas that shows the same part of its picture. */
+    /** @type {?FrameCanvas} A canvas that shows the same part of its picture. */
     this.beside = null;
     /** Draw again at the next screen refresh. */
     this.invalidate = soon(() => this.draw());
@@ -132,13 +54,7 @@ export class FrameCanvas {
     this.observer.disconnect();
   }
 
-  /**
-   * Change some of what is drawn.
-   * @param {{bitmap?: ?ImageBitmap, dim?: boolean, labels?: ?Object, hints?: Object[],
-   *   message?: string, badge?: string, cursor?: ?number, selection?: number[],
-   *   stroke?: ?{cells: Iterable<number>, label: ?string}, plain?: boolean, tag?: *}} content
-   *   `plain`: the picture and grid only. `tag` is handed to `onDrawn`.
-   */
+  /** Change some of what is drawn. @param {Partial<Content>} content */
   set(content) {
     Object.assign(this.content, content);
     const { bitmap } = this.content;
@@ -156,7 +72,7 @@ export class FrameCanvas {
     this.draw();
   }
 
-  /** Where a cell lies on the canvas, in CSS pixels. */
+  /** Where a cell lies on the canvas, in CSS pixels. @param {number} cell @returns {Box} */
   boxOf(cell) {
     const [row, col] = rowCol(cell);
     const { origin, scale, patch } = this.viewport;
@@ -164,11 +80,7 @@ export class FrameCanvas {
     return { x: origin.x + col * width, y: origin.y + row * height, width, height };
   }
 
-  /**
-   * A point of the canvas in patches.
-   * @returns {{x: number, y: number, cell: number, head: ?{row?: number, col?: number}}}
-   *   `cell` -1 outside of all; `head` where a row's or column's head was hit.
-   */
+  /** @param {number} clientX @param {number} clientY @returns {Hit} What is there. */
   hit(clientX, clientY) {
     const { left, top } = this.canvas.getBoundingClientRect();
     const inFrame = this.viewport.toFrame(clientX - left, clientY - top);
@@ -181,7 +93,7 @@ export class FrameCanvas {
     return { x, y, cell: head ? -1 : cellAt(row, col), head };
   }
 
-  /** Move the picture so that a cell is in sight. */
+  /** Move the picture so that a cell is in sight. @param {number} cell */
   reveal(cell) {
     const [row, col] = rowCol(cell);
     const { width, height } = this.viewport.patch;
@@ -195,8 +107,9 @@ export class FrameCanvas {
     const ratio = window.devicePixelRatio || 1;
     this.drawGround(ratio);
     ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+    /** @type {CellPlan} */
     const plan = { ctx, boxOf: (cell) => this.boxOf(cell) };
-    if (content.labels && !content.plain) this.drawContent(plan);
+    if (content.labels && !content.plain) this.drawContent(plan, content.labels);
     this.drawHeads();
     if (content.message) this.drawMessage();
     if (content.badge) this.drawBadge();
@@ -204,15 +117,18 @@ export class FrameCanvas {
     this.beside?.follow(this.viewport);
   }
 
-  // Show the part that another canvas shows.
+  /** Show the part that another canvas shows. @param {Viewport} viewport */
   follow({ zoom, centre }) {
     if (zoom === this.viewport.zoom && centre === this.viewport.centre) return;
     Object.assign(this.viewport, { zoom, centre });
     this.invalidate();
   }
 
-  // Labels change far more often than what lies under them, and scaling a picture takes longer than
-  // drawing all the rest: it is kept as it is on the screen.
+  /**
+   * Labels change far more often than what lies under them, and scaling a picture takes longer than
+   * drawing all the rest: it is kept as it is on the screen.
+   * @param {number} ratio
+   */
   drawGround(ratio) {
     const { ground, canvas, ctx, content } = this;
     const { origin, scale } = this.viewport;
@@ -222,29 +138,30 @@ export class FrameCanvas {
     if (ground.bitmap !== content.bitmap || ground.key !== key) {
       Object.assign(ground, { bitmap: content.bitmap, key });
       Object.assign(ground.canvas, { width: canvas.width, height: canvas.height });
-      const under = ground.canvas.getContext("2d", { alpha: false });
+      const under = contextOf(ground.canvas, false);
       under.setTransform(ratio, 0, 0, ratio, 0, 0);
       under.fillStyle = "#0b0e11";
       under.fillRect(0, 0, canvas.width, canvas.height);
-      if (content.bitmap) this.drawPicture(under, ratio);
+      if (content.bitmap) this.drawPicture(under, content.bitmap, ratio);
       if (grid) this.drawGrid(under);
     }
     ctx.setTransform(1, 0, 0, 1, 0, 0);
     ctx.drawImage(ground.canvas, 0, 0);
   }
 
-  drawPicture(ctx, ratio) {
+  /** @param {CanvasRenderingContext2D} ctx @param {ImageBitmap} bitmap @param {number} ratio */
+  drawPicture(ctx, bitmap, ratio) {
     const { origin, scale, frame } = this.viewport;
     ctx.imageSmoothingEnabled = scale * ratio < PIXELS_FROM;
     ctx.imageSmoothingQuality = "high";
     ctx.globalAlpha = this.content.dim ? 0.35 : 1;
-    const { bitmap } = this.content;
     ctx.drawImage(bitmap, origin.x, origin.y, frame.width * scale, frame.height * scale);
     ctx.globalAlpha = 1;
   }
 
-  drawContent(plan) {
-    const { labels, hints, cursor, selection, stroke } = this.content;
+  /** @param {CellPlan} plan @param {ShownLabels} labels */
+  drawContent(plan, labels) {
+    const { hints, cursor, selection, stroke } = this.content;
     if (setting("outlines")) {
       const cells = labels.mine.map((label, cell) => shownCell(label, hints[cell]));
       drawCells(plan, cells);
@@ -256,6 +173,7 @@ export class FrameCanvas {
     drawCursor(plan, cursor ?? null, selection ?? []);
   }
 
+  /** @param {CanvasRenderingContext2D} ctx */
   drawGrid(ctx) {
     const { rows, cols } = mission.grid;
     const first = this.boxOf(0);
@@ -324,11 +242,12 @@ export class FrameCanvas {
   }
 }
 
+/** @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} width */
 function wrap(ctx, text, width) {
   const lines = [""];
   for (const word of text.split(" ")) {
     const line = `${lines.at(-1)} ${word}`.trim();
-    if (ctx.measureText(line).width <= width || !lines.at(-1)) lines[lines.length - 1] = line;
+    if (ctx.measureText(line).width <= width || !lines.at(-1)) lines.splice(-1, 1, line);
     else lines.push(word);
   }
   return lines;

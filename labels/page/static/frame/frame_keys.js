@@ -7,7 +7,15 @@ const NEXT = "Frames";
 const PAINT = "Painting";
 const SEE = "Seeing";
 
-/** Command, keys, group and what it does; commands with a release are held or tapped. */
+/**
+ * @import { Command } from "../core/controls.js"
+ * @import { KeyEntry } from "../core/keys.js"
+ */
+
+/**
+ * Command, keys, group and what it does; commands with a release are held or tapped.
+ * @type {[command: string, keys: string[], group: string, does: string][]}
+ */
 const TABLE = [
   ["next", ["d", ".", "PageDown"], NEXT, "next frame (of the filter)"],
   ["previous", ["a", ",", "PageUp"], NEXT, "frame before"],
@@ -59,7 +67,11 @@ const POINTER_HELP = [
   ["Wheel on the strip", "fewer or more frames there (also +, -, 0 on it); sideways: move it"],
 ];
 
-/** `KeyEntry`s for the router of commands by name; a function may carry a `release`. */
+/**
+ * The view's keys, for commands by name.
+ * @param {Record<string, Command & Pick<KeyEntry, "release">>} commands
+ * @returns {KeyEntry[]}
+ */
 export function frameKeys(commands) {
   const rows = TABLE.map(([name, keys, group, does]) => {
     const run = commands[name];
@@ -69,8 +81,8 @@ export function frameKeys(commands) {
   return [...rows, ...labelKeys, ...pointer];
 }
 
-/** The key to show on a command's button. */
+/** The key to show on a command's button. @param {string} command */
 export function keyForCommand(command) {
-  const [, keys] = TABLE.find(([name]) => name === command);
+  const keys = TABLE.find(([name]) => name === command)?.[1] ?? [""];
   return keys.find((key) => reachable(key) === key) ?? reachable(keys[0]);
 }

@@ -1,7 +1,7 @@
 // Which frame is shown and how: its picture (enhanced, raw, or the frame before), its labels, and
 // the neighbours fetched ahead.
 
-import { onFailure, post } from "../core/api.js";
+import { ApiError, onFailure, post } from "../core/api.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
 import { frameIndex, frames, mission, setting, stateOf, takeNewsOf } from "../core/mission.js";
 import { forgetFailed, picture, pictureNow, prefetchPictures } from "../core/pictures.js";
@@ -14,14 +14,19 @@ const SEEN_MS = 400;
 const TAP_MS = 300;
 const BLINK_MS = 450; // under three changes a second: no flicker that could harm anybody
 
+/** @import { FrameCanvas } from "./frame_canvas.js" */
+
 /** Shows one frame at a time on a FrameCanvas. */
 export class FrameShow {
-  /** `changed()` is called when another frame, or another picture of it, is shown. */
+  /**
+   * @param {FrameCanvas} canvas
+   * @param {() => void} changed Another frame, or another picture of it, is shown.
+   */
   constructor(canvas, changed) {
     this.canvas = canvas;
     this.changed = changed;
     this.camera = "";
-    this.frame = null;
+    this.frame = -1;
     this.fault = "";
     this.retriable = false;
     this.ready = false;
@@ -32,8 +37,13 @@ export class FrameShow {
     this.direction = 1;
     /** How many frames apart those are that are shown one after the other. */
     this.stride = 1;
+    /** @type {?number} When it was begun to go to a frame that is not drawn yet. */
     this.started = null;
     this.first = true;
+    /** @type {?number} When a key went down. */
+    this.pressed = null;
+    this.seenTimer = 0;
+    this.slowTimer = 0;
     canvas.onDrawn = (tag) => this.drawn(tag);
   }
 
@@ -60,6 +70,7 @@ export class FrameShow {
   /** The other camera, if its picture of this frame is to be shown beside; or null. */
   get beside() {
     const others = setting("beside") ? Object.keys(mission.cameras) : [];
+    /** @param {string} camera */
     const has = (camera) => camera !== this.camera && frameIndex(camera, this.frame) >= 0;
     return others.find(has) ?? null;
   }
@@ -71,7 +82,7 @@ export class FrameShow {
     );
   }
 
-  /** Show a frame. */
+  /** Show a frame. @param {string} camera @param {number} frame */
   go(camera, frame) {
     this.started = performance.now();
     this.endBlink();
@@ -117,19 +128,22 @@ export class FrameShow {
     prefetch(camera, framesFollowed(camera, frame));
   }
 
+  /** @param {string} camera @param {number} frame @param {number} enhance @param {number} turn */
   async fetchPicture(camera, frame, enhance, turn) {
     try {
       return await picture(camera, frame, enhance);
     } catch (error) {
       if (turn !== this.turn) return null;
+      const status = error instanceof ApiError ? error.status : null;
       // 409: the server shows another mission now, and may show this one again.
-      this.retriable = error.status === 0 || error.status === 409;
-      const why = error.message || "not a picture";
-      this.fault = `Frame ${frame} cannot be shown${error.status === 0 ? " now" : ""}: ${why}.`;
+      this.retriable = status === 0 || status === 409;
+      const why = (error instanceof Error && error.message) || "not a picture";
+      this.fault = `Frame ${frame} cannot be shown${status === 0 ? " now" : ""}: ${why}.`;
       return null;
     }
   }
 
+  /** @param {?ImageBitmap} bitmap @param {string} message */
   show(bitmap, message) {
     const tag = bitmap ? `${this.camera}/${this.frame}` : null;
     this.canvas.set({ bitmap, dim: false, plain: false, message, badge: this.badge(), tag });
@@ -138,8 +152,9 @@ export class FrameShow {
 
   prefetch() {
     const { camera, frame, enhance, beside } = this;
+    const cameras = [camera, beside ?? ""];
     const pictures = this.neighbours()
-      .flatMap((near) => [camera, beside].map((name) => ({ camera: name, frame: near, enhance })))
+      .flatMap((near) => cameras.map((name) => ({ camera: name, frame: near, enhance })))
       .filter((one) => frameIndex(one.camera, one.frame) >= 0);
     const kept = this.raw ? [{ camera, frame, enhance: setting("enhance") }] : [];
     prefetchPictures(pictures, kept);
@@ -159,6 +174,7 @@ export class FrameShow {
     if (frameIndex(this.camera, this.frame) >= 0) prefetch(this.camera, [this.frame]);
   }
 
+  /** @param {?string | undefined} tag */
   drawn(tag) {
     const { dim, labels } = this.canvas.content;
     if (tag !== `${this.camera}/${this.frame}` || dim || !labels || this.started === null) return;
@@ -188,7 +204,7 @@ export class FrameShow {
 
   /** The raw key comes up: a short press stays, a long one was only a look. */
   releaseRaw() {
-    if (performance.now() - this.pressed > TAP_MS) this.toggleRaw();
+    if (performance.now() - (this.pressed ?? 0) > TAP_MS) this.toggleRaw();
   }
 
   toggleRaw() {
@@ -211,12 +227,13 @@ export class FrameShow {
   /** The blink key comes up: after a short press it goes on blinking. */
   releaseBlink() {
     if (this.pressed === null || !this.showsBefore) return;
-    if (performance.now() - this.pressed > TAP_MS) this.endBlink();
+    if (performance.now() - (this.pressed ?? 0) > TAP_MS) this.endBlink();
     else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) {
       this.blinking = setInterval(() => this.showBefore(!this.showsBefore), BLINK_MS);
     }
   }
 
+  /** @param {boolean} on */
   showBefore(on) {
     const frame = on ? this.before : this.frame;
     if (frame === null) return;
@@ -228,6 +245,7 @@ export class FrameShow {
     this.changed();
   }
 
+  /** @param {number} frame */
   async fetchBefore(frame) {
     const { turn } = this;
     // Not readable, or given up: there is nothing to compare with.
@@ -245,6 +263,7 @@ export class FrameShow {
   }
 }
 
+/** @param {string} camera @param {number} frame */
 function absent(camera, frame) {
   const list = frames(camera);
   if (!list.length) return `This mission has no ${camera} camera.`;

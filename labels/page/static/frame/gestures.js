@@ -8,24 +8,34 @@ const MIDDLE = 1;
 const RIGHT = 2;
 
 /**
+ * @import { FrameCanvas, Hit } from "./frame_canvas.js"
+ *
+ * @typedef {"chosen" | "unsure" | "confirm"} PointerTool
+ *
  * @typedef {Object} Host
  * @property {() => boolean} canPaint
  * @property {() => boolean} panning  Whether the pan key is held.
  * @property {() => void} panned      A pan began while the pan key was held.
- * @property {(tool: string) => ?string} labelOf What a stroke with a tool would put; for showing.
- * @property {(cells: number[], tool: string, kind: string) => void} finish
+ * @property {(tool: PointerTool) => ?string} labelOf What a stroke would put; for showing.
+ * @property {(cells: number[], tool: PointerTool, kind: string) => void} finish
  * @property {(cell: number) => void} hover
+ *
+ * @typedef {{move: (event: PointerEvent) => void, finish?: () => void}} Gesture
+ *
+ * `complete`: what was done so far counts, and the rest of the gesture does nothing.
+ * @typedef {{cancel: () => void, complete: () => void, busy: () => boolean}} PointerGestures
  */
 
 /**
- * Listen to the pointer over a FrameCanvas, for a `Host` with the tools "chosen", "unsure" and
- * "confirm". Gives {cancel, complete, busy}; `complete`: what was done so far counts, and the rest
- * of the gesture does nothing.
+ * Listen to the pointer over a canvas.
+ * @param {FrameCanvas} view @param {Host} host @returns {PointerGestures}
  */
 export function listenToPointer(view, host) {
   const { canvas } = view;
+  /** @type {?Gesture} */
   let gesture = null;
 
+  /** @param {PointerEvent} event */
   const start = (event) => {
     if (gesture) return;
     if (event.button === MIDDLE || (event.button === LEFT && host.panning())) {
@@ -39,10 +49,12 @@ export function listenToPointer(view, host) {
     canvas.focus({ preventScroll: true });
     canvas.setPointerCapture(event.pointerId);
   };
+  /** @param {PointerEvent} event */
   const move = (event) => {
     if (!gesture) host.hover(view.hit(event.clientX, event.clientY).cell);
     else for (const part of parts(event)) gesture.move(part);
   };
+  /** @param {PointerEvent} event */
   const end = (event) => {
     gesture?.move(event);
     complete();
@@ -56,6 +68,7 @@ export function listenToPointer(view, host) {
     cancel();
     done?.finish?.();
   };
+  /** @param {WheelEvent} event */
   const wheel = (event) => {
     event.preventDefault();
     const { left, top } = canvas.getBoundingClientRect();
@@ -74,15 +87,17 @@ export function listenToPointer(view, host) {
   return { cancel, complete, busy: () => gesture !== null };
 }
 
-// A fast pointer moves several times between two events.
+/** A fast pointer moves several times between two events. @param {PointerEvent} event */
 function parts(event) {
   const all = event.getCoalescedEvents?.() ?? [];
   return all.length ? all : [event];
 }
 
+/** @param {FrameCanvas} view @param {PointerEvent} first @returns {Gesture} */
 function panGesture(view, first) {
   let { clientX, clientY } = first;
   return {
+    /** @param {PointerEvent} event */
     move(event) {
       view.viewport.pan(event.clientX - clientX, event.clientY - clientY);
       ({ clientX, clientY } = event);
@@ -91,12 +106,13 @@ function panGesture(view, first) {
   };
 }
 
+/** @param {FrameCanvas} view @param {Host} host @param {PointerEvent} event */
 function paintGesture(view, host, event) {
   const hit = view.hit(event.clientX, event.clientY);
   const tool = toolOf(event);
   if (hit.head) {
     const { row, col } = hit.head;
-    const cells = row === undefined ? cellsOfColumn(col) : cellsOfRow(row);
+    const cells = row === undefined ? cellsOfColumn(col ?? 0) : cellsOfRow(row);
     const kind = row === undefined ? "column" : "row";
     return showing(view, host, tool, new Set(cells), kind, () => {});
   }
@@ -116,10 +132,15 @@ function paintGesture(view, host, event) {
   });
 }
 
+/**
+ * @param {FrameCanvas} view @param {Host} host @param {PointerTool} tool @param {Set<number>} cells
+ * @param {string} kind @param {(to: Hit) => void} take @returns {Gesture}
+ */
 function showing(view, host, tool, cells, kind, take) {
   const show = () => view.set({ stroke: { cells, label: host.labelOf(tool) } });
   show();
   return {
+    /** @param {PointerEvent} event */
     move(event) {
       take(view.hit(event.clientX, event.clientY));
       show();
@@ -130,6 +151,7 @@ function showing(view, host, tool, cells, kind, take) {
   };
 }
 
+/** @param {PointerEvent} event @returns {PointerTool} */
 function toolOf(event) {
   if (event.altKey) return "confirm";
   return event.button === RIGHT ? "unsure" : "chosen";

@@ -1,16 +1,17 @@
 // Notes on patches and frames: their words, and the dialog in which one is written.
 
 import { onFailure, post } from "../core/api.js";
-import { button, el, focusView, say } from "../core/dom.js";
+import { button, el, focusView, part, say } from "../core/dom.js";
 import { who } from "../core/mission.js";
 import { labelsAreStale } from "../saving/labels.js";
 import { cellName } from "../core/patch_grid.js";
 
-/**
- * @typedef {{cell: ?number, text: string, who: string, time: string}} Note `cell`: null on a frame.
- */
+/** @import { Note } from "../core/messages.js" */
 
-/** The `Note`s of a frame that are on a patch, or on the frame, each in words. */
+/**
+ * The notes of a frame that are on a patch, or on the frame, each in words.
+ * @param {Note[]} notes @param {?number} cell
+ */
 export function noteWords(notes, cell) {
   const here = notes.filter((note) => note.cell === null || note.cell === cell);
   return here.map((note) => {
@@ -20,17 +21,22 @@ export function noteWords(notes, cell) {
   });
 }
 
-/** Let a person write a note; an empty one takes it back. `notes`: all `Note`s of the frame. */
+/**
+ * Let a person write a note; an empty one takes it back. `notes`: all of the frame.
+ * @param {string} camera @param {number} frame @param {?number} cell @param {Note[]} notes
+ */
 export function writeNote(camera, frame, cell, notes) {
   const here = notes.filter((note) => note.cell === cell);
   const field = el("textarea", { id: "note-text", maxlength: 2000, rows: 5 });
   field.value = here.find((note) => note.who === who())?.text ?? "";
   const failed = el("p", { role: "alert" });
+  /** @param {Event} event */
   const save = async (event) => {
     event.preventDefault();
     const body = { camera, frame, cell, text: field.value.trim() };
-    const explain = ({ message }) => void (failed.textContent = `Not saved: ${message}.`);
-    const answer = await post("/api/notes", body).catch(onFailure(explain));
+    const answer = await post("/api/notes", body).catch(
+      onFailure(({ message }) => void (failed.textContent = `Not saved: ${message}.`)),
+    );
     if (!answer) return;
     dialog.close();
     labelsAreStale([[camera, frame]]);
@@ -38,6 +44,7 @@ export function writeNote(camera, frame, cell, notes) {
   };
   const place = `${camera} frame ${frame}${cell === null ? "" : `, ${cellName(cell)}`}`;
   const others = here.filter((note) => note.who !== who());
+  /** @type {HTMLDialogElement} */
   const dialog = el("dialog", { "aria-label": "Note" },
     el("form", { on: { submit: save } },
       el("h2", { text: "Note" }),
@@ -52,7 +59,7 @@ export function writeNote(camera, frame, cell, notes) {
     ),
   );
   field.addEventListener("keydown", (event) => {
-    if (event.key === "Enter" && event.ctrlKey) dialog.querySelector("form").requestSubmit();
+    if (event.key === "Enter" && event.ctrlKey) part(dialog, "form").requestSubmit();
   });
   dialog.addEventListener("close", () => {
     dialog.remove();

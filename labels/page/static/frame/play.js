@@ -11,15 +11,26 @@ const LOOK_MS = 8; // between two looks whether a late picture is there
 const MEAN_OF = 12; // frames over which the rate that is reached is taken
 const IN_TIME = 10; // frames that come in time before fewer are passed over
 
+/** @import { FrameShow } from "./frame_show.js" */
+
 /** Plays the frames that pass the filter. */
 export class Player {
-  /** `show`: a FrameShow; `go(camera, frame)` shows a frame; `toggle`: the button. */
+  /**
+   * @param {FrameShow} show @param {(camera: string, frame: number) => void} go Shows a frame.
+   * @param {HTMLButtonElement} toggle
+   */
   constructor(show, go, toggle) {
-    Object.assign(this, { show, go, toggle, timer: 0 });
+    this.show = show;
+    this.go = go;
+    this.toggle = toggle;
+    this.timer = 0;
+    this.times = [0];
+    this.inTime = 0;
+    /** @type {[string, string][]} */
     const rates = RATES.map((rate) => [String(rate), `${rate}/s`]);
-    const change = ({ target }) => setSetting("rate", Number(target.value));
-    const options = { "aria-label": "Frames a second", on: { change } };
+    const options = { "aria-label": "Frames a second" };
     const select = backAfterMouse(choice(rates, String(setting("rate")), options));
+    select.addEventListener("change", () => setSetting("rate", Number(select.value)));
     this.reached = el("output", { class: "place" });
     this.root = el("span", { class: "pick" }, toggle, select, this.reached);
     this.tell();
@@ -43,10 +54,15 @@ export class Player {
     return played;
   }
 
+  /** When the newest frame was shown. */
+  get newest() {
+    return this.times[this.times.length - 1];
+  }
+
   tell() {
     this.toggle.setAttribute("aria-pressed", String(this.timer !== 0));
     const { timer, times } = this;
-    const rate = timer && times.length > 1 ? (times.length - 1) / (times.at(-1) - times[0]) : 0;
+    const rate = timer && times.length > 1 ? (times.length - 1) / (this.newest - times[0]) : 0;
     this.reached.textContent = rate ? `${(1000 * rate).toFixed(rate < 0.01 ? 1 : 0)}/s reached` : "";
   }
 
@@ -56,7 +72,7 @@ export class Player {
     if (show.retriable || document.hidden) return void this.stop();
     const each = 1000 / setting("rate");
     const now = performance.now();
-    const wait = this.times.at(-1) + each * show.stride - now;
+    const wait = this.newest + each * show.stride - now;
     if (wait > 1 || !(show.ready || show.fault)) {
       this.timer = setTimeout(() => this.tick(), Math.max(wait, LOOK_MS));
       return;

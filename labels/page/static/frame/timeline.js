@@ -1,7 +1,7 @@
 // The strip of all frames of a camera: states told apart by colour and by height, the classes that
 // a person gave, zoom, a small picture under the pointer, jump by click, drag or keys.
 
-import { el, soon } from "../core/dom.js";
+import { contextOf, el, soon } from "../core/dom.js";
 import { colourOf, frameIndex, frames, givenIn, mission, stateOf } from "../core/mission.js";
 import { reachable } from "../core/keys.js";
 import { frameAspect, thumbAddress } from "../core/pictures.js";
@@ -17,9 +17,11 @@ const WHEEL_STEP = 1.002;
 const PEEK = 176; // CSS pixels
 const REST_MS = 80; // a frame that the pointer only passes is not fetched
 
+/** @import { LabelClass } from "../core/messages.js" */
+
 /** Draws the strip into a canvas that is a slider for keyboards and screen readers. */
 export class Timeline {
-  /** `jump(frame)`: somebody chose one. */
+  /** @param {HTMLCanvasElement} canvas @param {(frame: number) => void} jump Somebody chose one. */
   constructor(canvas, jump) {
     this.canvas = canvas;
     this.jump = jump;
@@ -27,6 +29,8 @@ export class Timeline {
     this.frame = 0;
     this.from = 0; // the first frame that the strip shows, and how many, in parts of frames
     this.span = Infinity;
+    this.peekTimer = 0;
+    /** @type {?number} */
     this.peeked = null;
     this.image = el("img", { alt: "", width: PEEK, on: { load: () => this.showImage(true) } });
     this.words = el("span");
@@ -49,7 +53,7 @@ export class Timeline {
     clearTimeout(this.peekTimer);
   }
 
-  /** Show a frame as the current one. */
+  /** Show a frame as the current one. @param {string} camera @param {number} frame */
   set(camera, frame) {
     const list = frames(camera);
     const at = frameIndex(camera, frame);
@@ -68,7 +72,7 @@ export class Timeline {
       valuetext: `frame ${frame}, ${at + 1} of ${list.length}, ${words.join(", ")}`,
     };
     for (const [name, value] of Object.entries(aria)) {
-      this.canvas.setAttribute(`aria-${name}`, value);
+      this.canvas.setAttribute(`aria-${name}`, String(value));
     }
   }
 
@@ -77,19 +81,22 @@ export class Timeline {
     return Math.min(this.span, frames(this.camera).length);
   }
 
-  /** Where a frame of the list begins, in CSS pixels. */
+  /** Where a frame of the list begins, in CSS pixels. @param {number} at */
   xOf(at) {
     return ((at - this.from) / this.shown) * this.canvas.clientWidth;
   }
 
-  /** Move what is shown by a count of frames. */
+  /** Move what is shown by a count of frames. @param {number} by */
   look(by) {
     const last = frames(this.camera).length - this.shown;
     this.from = Math.min(last, Math.max(0, this.from + by));
     this.invalidate();
   }
 
-  /** Show fewer frames (a factor over 1) or more; the frame at `held` stays where it is. */
+  /**
+   * Show fewer frames (a factor over 1) or more; the frame at `held` stays where it is.
+   * @param {number} factor @param {number} held
+   */
   zoom(factor, held) {
     const part = (held - this.from) / this.shown;
     this.span = Math.max(LEAST_SPAN, this.shown / factor);
@@ -103,7 +110,7 @@ export class Timeline {
     if (!this.camera || !width) return;
     this.canvas.width = Math.round(width * ratio);
     this.canvas.height = Math.round(height * ratio);
-    const ctx = this.canvas.getContext("2d", { alpha: false });
+    const ctx = contextOf(this.canvas, false);
     ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
     ctx.fillStyle = "#0f1418";
     ctx.fillRect(0, 0, width, height);
@@ -117,6 +124,10 @@ export class Timeline {
     this.drawCurrent(ctx, width, height);
   }
 
+  /**
+   * @param {CanvasRenderingContext2D} ctx @param {number} width @param {number} room
+   * @param {LabelClass[]} bands @param {number} thick
+   */
   drawFrames(ctx, width, room, bands, thick) {
     const list = frames(this.camera);
     const states = mission.states[this.camera];
@@ -151,9 +162,15 @@ export class Timeline {
     }
   }
 
+  /**
+   * @param {number[]} list @param {string[]} states
+   * @param {(camera: string, frame: number) => boolean} pass @param {number} from
+   * @param {number} to
+   */
   summary(list, states, pass, from, to) {
     let best = 0;
     let passes = false;
+    /** @type {Set<string>} */
     const given = new Set();
     for (let at = from; at < to; at += 1) {
       best = Math.max(best, ORDER.indexOf(states[at]));
@@ -163,6 +180,7 @@ export class Timeline {
     return { state: ORDER[best], passes, given };
   }
 
+  /** @param {CanvasRenderingContext2D} ctx @param {number} width @param {number} height */
   drawTicks(ctx, width, height) {
     const list = frames(this.camera);
     const step = niceStep((this.shown * 70) / width);
@@ -177,6 +195,7 @@ export class Timeline {
     }
   }
 
+  /** @param {CanvasRenderingContext2D} ctx @param {number} width @param {number} height */
   drawCurrent(ctx, width, height) {
     const count = frames(this.camera).length;
     const x = this.xOf(frameIndex(this.camera, this.frame) + 0.5);
@@ -195,17 +214,19 @@ export class Timeline {
     ctx.fill();
   }
 
-  /** Where the pointer is among the frames. */
+  /** Where the pointer is among the frames. @param {MouseEvent} event */
   placeAt(event) {
     const { left, width } = this.canvas.getBoundingClientRect();
     return this.from + ((event.clientX - left) / width) * this.shown;
   }
 
+  /** @param {MouseEvent} event */
   frameAt(event) {
     const list = frames(this.camera);
     return list[Math.min(list.length - 1, Math.max(0, Math.floor(this.placeAt(event))))];
   }
 
+  /** @param {WheelEvent} event */
   wheel(event) {
     event.preventDefault();
     const { deltaX, deltaY, deltaMode } = event;
@@ -215,7 +236,10 @@ export class Timeline {
     this.showPeek(event);
   }
 
-  // The small picture of the frame under the pointer, its number and what is known of it.
+  /**
+   * The small picture of the frame under the pointer, its number and what is known of it.
+   * @param {MouseEvent} event
+   */
   showPeek(event) {
     const { camera, peek, image } = this;
     const frame = this.frameAt(event);
@@ -237,7 +261,10 @@ export class Timeline {
     }, REST_MS);
   }
 
-  // Until it is there: another frame's picture must not stand beside this one's number.
+  /**
+   * Until it is there: another frame's picture must not stand beside this one's number.
+   * @param {boolean} on
+   */
   showImage(on) {
     this.image.style.visibility = on ? "visible" : "hidden";
   }
@@ -248,12 +275,14 @@ export class Timeline {
     this.peeked = null;
   }
 
+  /** @param {PointerEvent} event */
   press(event) {
     if (event.button !== 0) return;
     this.canvas.setPointerCapture(event.pointerId);
     this.jump(this.frameAt(event));
   }
 
+  /** @param {PointerEvent} event */
   drag(event) {
     if (event.buttons & 1) {
       const frame = this.frameAt(event);
@@ -262,17 +291,21 @@ export class Timeline {
     this.showPeek(event);
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     const list = frames(this.camera);
     const at = frameIndex(this.camera, this.frame);
     const page = Math.max(1, Math.round(this.shown / 20));
-    const factor = { "+": 1.5, "=": 1.5, "-": 1 / 1.5, 0: 1 / list.length }[event.key];
+    /** @type {Record<string, number>} */
+    const factors = { "+": 1.5, "=": 1.5, "-": 1 / 1.5, 0: 1 / list.length };
+    const factor = factors[event.key];
     if (factor && !event.ctrlKey && !event.altKey && reachable(event.key) === event.key) {
       this.zoom(factor, at + 0.5);
       event.preventDefault();
       event.stopPropagation();
       return;
     }
+    /** @type {Record<string, number>} */
     const moves = {
       ArrowLeft: at - 1,
       ArrowDown: at - 1,
@@ -289,7 +322,8 @@ export class Timeline {
   }
 }
 
-function niceStep(least) {
+/** The step between ticks: 1, 2 or 5 times a power of ten. @param {number} least */
+export function niceStep(least) {
   for (let power = 1; ; power *= 10) {
     for (const digit of [1, 2, 5]) if (digit * power >= least) return digit * power;
   }

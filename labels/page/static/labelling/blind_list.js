@@ -3,12 +3,14 @@
 import { get, onFailure } from "../core/api.js";
 import { frameIndex, mission, onChange, onReload, setting, stateOf } from "../core/mission.js";
 
+/** @import { ByCamera, Place } from "../core/messages.js" */
+
 const list = {
   /** @type {?Place[]} Frames in the mission's order; null while they are not known. */
   frames: null,
   names: new Set(), // "camera/frame"
   of: "", // whose frames they are
-  /** @type {?Promise<ByCamera>} */
+  /** @type {?Promise<{cameras: ByCamera}>} */
   asking: null,
 };
 
@@ -30,7 +32,10 @@ export function tryBlindList() {
   return loadBlindList().catch(onFailure());
 }
 
-/** Whether a frame is on the list, or there is none. */
+/**
+ * Whether a frame is on the list, or there is none.
+ * @param {string} camera @param {number} frame
+ */
 export function passesBlindList(camera, frame) {
   return blindFrames().length === 0 || list.names.has(`${camera}/${frame}`);
 }
@@ -43,8 +48,9 @@ export function blindFrames() {
 /**
  * The next {camera, frame} to label blind that is not done, after this one, if one is named, and
  * then from the beginning; null when all are done or there is no list.
+ * @param {string} [camera] @param {number} [frame]
  */
-export function nextBlindFrame(camera, frame) {
+export function nextBlindFrame(camera = "", frame = -1) {
   const open = blindFrames().filter((one) => stateOf(one.camera, one.frame) !== "d");
   const after = open.find((one) => one.camera === camera && one.frame > frame);
   return after ?? open.find((one) => one.camera !== camera || one.frame !== frame) ?? null;

@@ -1,6 +1,7 @@
 // Drawing what is known of patches onto a canvas: tints, outlines inside their borders, signs. The
 // texture in the middle of a patch stays readable; where all is clear nearly nothing is drawn.
 
+import { contextOf } from "../core/dom.js";
 import { classOf, colourOf, setting, signOf } from "../core/mission.js";
 import { ARROWS, cellAt, rowCol } from "../core/patch_grid.js";
 
@@ -12,17 +13,24 @@ const FAINT = 0.5; // opacity of lines around what is clear
 const BOLD = "600 14px system-ui, sans-serif";
 
 /**
- * @typedef {Object} CellPlan What it is drawn onto: `plan` in all functions here.
- * @property {CanvasRenderingContext2D} ctx Scaled so that one unit is one CSS pixel.
- * @property {(cell: number) => {x: number, y: number, width: number, height: number}} boxOf
+ * @import { Note } from "../core/messages.js"
+ * @import { ShownLabels } from "../saving/labels.js"
+ * @import { Hint } from "./painting.js"
  *
- * @typedef {?{label: string, line: "solid" | "dashed" | "dotted", mark: string}} ShownCell
+ * @typedef {{x: number, y: number, width: number, height: number}} Box
+ *
+ * What it is drawn onto: `plan` in all functions here; `ctx`: scaled so that one unit is one CSS
+ * pixel.
+ * @typedef {{ctx: CanvasRenderingContext2D, boxOf: (cell: number) => Box}} CellPlan
+ *
+ * `mark`: "?" where the model is not confident, "→" where the frame before says so and not the
+ * model, "≠" where the model says the opposite.
+ * @typedef {{label: string, line: "solid" | "dashed" | "dotted", mark: string}} ShownCell
  */
 
 /**
- * What is drawn of a patch: its label, else what is proposed for it (`hint`, as of `hintsOf`).
- * @returns {ShownCell} `mark`: "?" where the model is not confident, "→" where the frame before
- *   says so and not the model, "≠" where the model says the opposite.
+ * What is drawn of a patch: its label, else what is proposed for it.
+ * @param {?string} label @param {?Hint | undefined} hint @returns {?ShownCell}
  */
 export function shownCell(label, hint) {
   if (label !== null) return { label, line: "solid", mark: "" };
@@ -34,31 +42,38 @@ export function shownCell(label, hint) {
 /**
  * Draw `ShownCell`s, row by row: labels, outlined solid and tinted (unsure ones hatched), and
  * proposals, outlined dashed or, if not confident, dotted. What is clear has faint lines only.
+ * @param {CellPlan} plan @param {(?ShownCell)[]} cells
  */
 export function drawCells(plan, cells) {
   const { ctx } = plan;
+  /** @param {number} cell */
   const boxOf = (cell) => snapped(plan.boxOf(cell));
   const roomy = boxOf(0).width >= TEXT_FROM;
   const width = roomy ? 2 : 1;
   const keys = cells.map((cell) => cell && Object.values(cell).join(" "));
   cells.forEach((cell, at) => cell?.line === "solid" && fill(ctx, boxOf(at), cell.label));
-  for (const [key, area] of Map.groupBy(keys.keys(), (cell) => keys[cell])) {
-    if (key === null) continue;
+  for (const area of Map.groupBy(keys.keys(), (cell) => keys[cell]).values()) {
+    const shown = cells[area[0]];
+    if (!shown) continue;
     const path = new Path2D();
     for (const cell of area) addEdges(path, boxOf(cell), cell, keys, width / 2 + 1);
-    const { label, line } = cells[area[0]];
+    const { label, line } = shown;
     ctx.globalAlpha = isClear(label) ? FAINT : 1;
     strokeTwice(ctx, path, colourOf(label), DASHES[line], width);
   }
   ctx.globalAlpha = 1;
-  for (const at of firstOfAreas(keys)) drawSign(ctx, boxOf(at), cells[at]);
+  for (const at of firstOfAreas(keys)) {
+    const shown = cells[at];
+    if (shown) drawSign(ctx, boxOf(at), shown);
+  }
 }
 
+/** @param {?string} label */
 function isClear(label) {
   return classOf(label).obstacle === false;
 }
 
-// On whole pixels lines are not blurred into what lies beside them.
+/** On whole pixels lines are not blurred into what lies beside them. @param {Box} box */
 function snapped({ x, y, width, height }) {
   const [left, top] = [Math.round(x), Math.round(y)];
   return {
@@ -66,6 +81,7 @@ function snapped({ x, y, width, height }) {
   };
 }
 
+/** @param {CanvasRenderingContext2D} ctx @param {Box} box @param {string} label */
 function fill(ctx, { x, y, width, height }, label) {
   if (isClear(label)) return;
   const unsure = label === "unsure";
@@ -75,14 +91,18 @@ function fill(ctx, { x, y, width, height }, label) {
   ctx.globalAlpha = 1;
 }
 
+/** @type {?CanvasPattern} */
 let hatch = null;
 
-// Thin lines, light beside dark, so that they show on any ground.
+/**
+ * Thin lines, light beside dark, so that they show on any ground.
+ * @param {CanvasRenderingContext2D} ctx @returns {CanvasPattern | string}
+ */
 function hatching(ctx) {
   if (hatch) return hatch;
   const tile = document.createElement("canvas");
   tile.width = tile.height = HATCH;
-  const of = tile.getContext("2d");
+  const of = contextOf(tile);
   for (let x = 0; x < HATCH; x += 1) {
     of.fillStyle = colourOf("unsure");
     of.fillRect(x, HATCH - 1 - x, 1, 1);
@@ -90,17 +110,16 @@ function hatching(ctx) {
     of.fillRect((x + 1) % HATCH, HATCH - 1 - x, 1, 1);
   }
   hatch = ctx.createPattern(tile, "repeat");
-  return hatch;
+  return hatch ?? colourOf("unsure");
 }
 
-/** The first cell of each connected area of equal keys. */
+/** The first cell of each connected area of equal keys. @param {unknown[]} keys */
 function firstOfAreas(keys) {
   const known = new Set();
   return [...keys.keys()].filter((start) => {
     if (keys[start] === null || known.has(start)) return false;
     const waiting = [start];
-    while (waiting.length > 0) {
-      const cell = waiting.pop();
+    for (const cell of waiting) {
       known.add(cell);
       const [row, col] = rowCol(cell);
       const near = Object.values(ARROWS).map(([down, right]) => cellAt(row + down, col + right));
@@ -110,7 +129,10 @@ function firstOfAreas(keys) {
   });
 }
 
-/** Mark patches that the server has not acknowledged. */
+/**
+ * Mark patches that the server has not acknowledged.
+ * @param {CellPlan} plan @param {Iterable<number>} cells
+ */
 export function drawPending({ ctx, boxOf }, cells) {
   Object.assign(ctx, { fillStyle: "#ffb000", strokeStyle: "#000", lineWidth: 1 });
   for (const cell of cells) {
@@ -127,6 +149,7 @@ export function drawPending({ ctx, boxOf }, cells) {
  * corner; a mark in the right one where two people are sure of different classes; a tick where it
  * is settled. That only somebody else said clear is not told where nothing is shown. `cells`: as
  * `drawCells` takes them.
+ * @param {CellPlan} plan @param {ShownLabels} labels @param {(?ShownCell)[]} cells
  */
 export function drawOthers(plan, { mine, others, settled }, cells) {
   const people = Object.entries(others);
@@ -138,28 +161,34 @@ export function drawOthers(plan, { mine, others, settled }, cells) {
     if (decided === null && disagree(all)) drawDisagreement(plan, box);
     if (box.width < TEXT_FROM) continue;
     const shown = cells[cell];
+    /** @param {?string} label */
     const told = (label) => (shown ? label !== shown.label : !isClear(label));
     const said = people.filter(([, theirs]) => theirs[cell] !== null && told(theirs[cell]));
-    const words = said.slice(0, 2).map(([name, theirs]) => name.slice(0, 1) + signOf(theirs[cell]));
+    const signs = said.map(([name, theirs]) => name.slice(0, 1) + signOf(theirs[cell] ?? ""));
+    const words = signs.slice(0, 2);
     if (said.length > 2) words.push("+");
     if (decided !== null && (words.length || told(decided))) words.push(`✓${signOf(decided)}`);
     smallText(plan.ctx, words.join(" "), box.x + 5, box.y + box.height - 19, "#f2f2f2");
   }
 }
 
-/** Whether two of these labels are sure and different. */
+/** Whether two of these labels are sure and different. @param {(?string)[]} labels */
 export function disagree(labels) {
   const sure = new Set(labels.filter((label) => label !== null && label !== "unsure"));
   return sure.size > 1;
 }
 
+/** @param {CellPlan} plan @param {Box} box */
 function drawDisagreement({ ctx }, { x, y, width, height }) {
   Object.assign(ctx, { font: "700 18px system-ui, sans-serif", lineWidth: 4 });
   Object.assign(ctx, { textAlign: "right", textBaseline: "bottom" });
   rimmedText(ctx, "≠", x + width - 5, y + height - 3, "#ff7aa2");
 }
 
-/** Show the cursor's cell, if there is one, and the cells that are selected. */
+/**
+ * Show the cursor's cell, if there is one, and the cells that are selected.
+ * @param {CellPlan} plan @param {?number} cursor @param {number[]} selection
+ */
 export function drawCursor(plan, cursor, selection) {
   const { ctx, boxOf } = plan;
   for (const cell of selection) {
@@ -174,7 +203,10 @@ export function drawCursor(plan, cursor, selection) {
   strokeTwice(ctx, path, "#ffffff", [], 2);
 }
 
-/** Fill patches faintly: the stroke that is being drawn. A null label takes labels back. */
+/**
+ * Fill patches faintly: the stroke that is being drawn. A null label takes labels back.
+ * @param {CellPlan} plan @param {Iterable<number>} cells @param {?string} label
+ */
 export function drawStroke({ ctx, boxOf }, cells, label) {
   ctx.globalAlpha = 0.35;
   ctx.fillStyle = label === null ? "#000000" : colourOf(label);
@@ -185,9 +217,14 @@ export function drawStroke({ ctx, boxOf }, cells, label) {
   ctx.globalAlpha = 1;
 }
 
-// Edges towards a patch with another key, `inset` CSS pixels inside the patch.
+/**
+ * Edges towards a patch with another key, `inset` CSS pixels inside the patch.
+ * @param {Path2D} path @param {Box} box @param {number} cell @param {unknown[]} keys
+ * @param {number} inset
+ */
 function addEdges(path, { x, y, width, height }, cell, keys, inset) {
   const [row, col] = rowCol(cell);
+  /** @param {number} r @param {number} c */
   const same = (r, c) => keys[cellAt(r, c)] === keys[cell];
   const up = same(row - 1, col);
   const down = same(row + 1, col);
@@ -197,6 +234,7 @@ function addEdges(path, { x, y, width, height }, cell, keys, inset) {
   const x1 = x + width - (right ? 0 : inset);
   const y0 = y + (up ? 0 : inset);
   const y1 = y + height - (down ? 0 : inset);
+  /** @type {[joined: boolean, fromX: number, fromY: number, toX: number, toY: number][]} */
   const edges = [
     [up, x0, y + inset, x1, y + inset],
     [down, x0, y + height - inset, x1, y + height - inset],
@@ -210,6 +248,10 @@ function addEdges(path, { x, y, width, height }, cell, keys, inset) {
   }
 }
 
+/**
+ * @param {CanvasRenderingContext2D} ctx @param {Path2D} path @param {string} colour
+ * @param {number[]} dash @param {number} width
+ */
 function strokeTwice(ctx, path, colour, dash, width) {
   ctx.lineCap = "butt";
   ctx.setLineDash([]);
@@ -223,7 +265,10 @@ function strokeTwice(ctx, path, colour, dash, width) {
   ctx.setLineDash([]);
 }
 
-// On its colour only where it is a label and there is room: all else covers less of the picture.
+/**
+ * On its colour only where it is a label and there is room: all else covers less of the picture.
+ * @param {CanvasRenderingContext2D} ctx @param {Box} box @param {ShownCell} shown
+ */
 function drawSign(ctx, { x, y, width }, { label, line, mark }) {
   const text = (isClear(label) ? "" : signOf(label)) + mark;
   if (width < TEXT_FROM) smallText(ctx, text, x + 2, y, colourOf(label));
@@ -237,18 +282,29 @@ function drawSign(ctx, { x, y, width }, { label, line, mark }) {
   }
 }
 
+/**
+ * @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} x @param {number} y
+ * @param {string} ink
+ */
 function smallText(ctx, text, x, y, ink) {
   Object.assign(ctx, { font: BOLD, lineWidth: 3, textAlign: "left", textBaseline: "top" });
   rimmedText(ctx, text, x, y, ink);
 }
 
+/**
+ * @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} x @param {number} y
+ * @param {string} ink
+ */
 function rimmedText(ctx, text, x, y, ink) {
   Object.assign(ctx, { lineJoin: "round", strokeStyle: "#000000", fillStyle: ink });
   ctx.strokeText(text, x, y);
   ctx.fillText(text, x, y);
 }
 
-/** Fold the upper right corner of patches that have a note. */
+/**
+ * Fold the upper right corner of patches that have a note.
+ * @param {CellPlan} plan @param {Note[]} notes
+ */
 export function drawNotes({ ctx, boxOf }, notes) {
   for (const { cell } of notes) {
     if (cell === null) continue;

@@ -1,14 +1,19 @@
 // The drawer of settings beside the views in which patches are labelled.
 
 import { nothingYet } from "../core/controls.js";
-import { backAfterMouse, el, setText } from "../core/dom.js";
+import { backAfterMouse, el, part, setAttribute, setText } from "../core/dom.js";
 import { mission, setSetting, setting } from "../core/mission.js";
 import { obstacleChoice } from "./obstacle_class.js";
 import { needsObstacleClass, obstacleClass, percentRight } from "./suggest.js";
 
 /**
- * Build the drawer of settings, with `more` of the view: {root, show(said)}; `said`: of the
- * suggestions that are shown.
+ * @import { Child } from "../core/dom.js"
+ * @typedef {"enhance" | "tint" | "confidence" | "follow"} NumberSetting
+ */
+
+/**
+ * Build the drawer of settings, with `more` of the view.
+ * @param {...Child} more
  */
 export function buildDrawer(...more) {
   const model = el("div", { class: "model" });
@@ -18,45 +23,54 @@ export function buildDrawer(...more) {
     ...more,
     model,
   );
+  /** @param {string} said Of the suggestions that are shown. */
   const show = (said) => {
     root.hidden = !setting("drawer");
-    for (const input of root.querySelectorAll("[data-setting]")) showSlider(input);
+    for (const slider of root.querySelectorAll(".slider")) showSlider(slider);
     showModel(model, said);
   };
   return { root, show };
 }
 
-/** A slider of a setting, with its value. */
+/**
+ * A slider of a setting, with its value.
+ * @param {NumberSetting} name @param {string} label @param {number} min @param {number} max
+ * @param {number} step
+ */
 function slider(name, label, min, max, step) {
-  const output = el("output");
   const input = el("input", {
     type: "range", min, max, step, value: setting(name), "data-setting": name,
-    on: { input: () => setSetting(name, Number(input.value)) },
   });
-  const made = el("label", { class: "slider" }, el("span", { text: label }), input, output);
-  showSlider(backAfterMouse(input));
+  input.addEventListener("input", () => setSetting(name, Number(input.value)));
+  const made = el("label", { class: "slider" },
+    el("span", { text: label }), backAfterMouse(input), el("output"),
+  );
+  showSlider(made);
   return made;
 }
 
-function showSlider(input) {
-  const name = input.dataset.setting;
+/** @param {Element} slider */
+function showSlider(slider) {
+  const input = part(slider, "input");
+  const name = /** @type {NumberSetting} */ (input.dataset.setting);
   const value = String(setting(name));
   if (input.value !== value) input.value = value;
   const percent = name === "confidence" && mission.model ? surePercent() : null;
-  setText(input.nextElementSibling, percent === null ? value : `${percent} %`);
-  if (percent !== null) input.parentElement.title = `decision value ${value}`;
+  setText(part(slider, "output"), percent === null ? value : `${percent} %`);
+  if (percent !== null) setAttribute(slider, "title", `decision value ${value}`);
 }
 
 // The least of both sides: what is as sure as that was right so often in training.
 function surePercent() {
-  const sides = [false, true].map((side) => percentRight(side, setting("confidence")));
-  return sides.includes(null) ? null : Math.min(...sides);
+  const [clear, obstacle] = [false, true].map((side) => percentRight(side, setting("confidence")));
+  return clear === null || obstacle === null ? null : Math.min(clear, obstacle);
 }
 
 const NO_MODEL =
   "No model yet. It would suggest a class for each patch, and you would only mend what is wrong. " +
   "It learns from some twenty labelled frames, with water and obstacles.";
 
+/** @param {HTMLElement} root @param {string} said */
 function showModel(root, said) {
   const { model } = mission;
   if (mission.blind || !model) {
@@ -68,18 +82,17 @@ function showModel(root, said) {
   }
   if (!root.querySelector("select")) root.replaceChildren(...modelParts());
   const progress = model.done < model.total ? ` · ${model.done}/${model.total} frames` : "";
-  setText(root.querySelector(".model-name"), `${model.label}${progress}`);
-  setText(root.querySelector(".model-said"), said);
-  root.querySelector("input").checked = setting("suggestions");
-  const select = root.querySelector("select");
-  select.parentElement.hidden = !needsObstacleClass();
+  setText(part(root, "b"), `${model.label}${progress}`);
+  setText(part(root, "p"), said);
+  part(root, "input").checked = setting("suggestions");
+  const select = part(root, "select");
+  setAttribute(select.closest("label"), "hidden", !needsObstacleClass());
   if (select.value !== obstacleClass()) select.value = obstacleClass();
 }
 
 function modelParts() {
-  const shown = el("input", {
-    type: "checkbox", on: { change: () => setSetting("suggestions", shown.checked) },
-  });
+  const shown = el("input", { type: "checkbox" });
+  shown.addEventListener("change", () => setSetting("suggestions", shown.checked));
   return [
     el("label", { class: "check" },
       backAfterMouse(shown), " Suggestions of ", el("b", { class: "model-name" }),

@@ -14,7 +14,16 @@ const NEXT = "next";
 const NEXT_FRAMES = 5;
 const ASK_AGAIN_MS = 300;
 
-/** The filters by state in the words of the page; all but "all" and "open" are one state. */
+/**
+ * @import { ByCamera, QueueEntry } from "../core/messages.js"
+ * @import { Signal } from "../core/dom.js"
+ * @import { Choice } from "../core/controls.js"
+ */
+
+/**
+ * The filters by state in the words of the page; all but "all" and "open" are one state.
+ * @type {Record<string, string>}
+ */
 const FILTERS = {
   all: "all frames",
   open: "not done",
@@ -25,15 +34,19 @@ const FILTERS = {
   x: "disagreement",
 };
 
-/** The filters to choose from: each value of the setting "filter", and its words. */
+/**
+ * The filters to choose from: each value of the setting "filter", and its words.
+ * @returns {[value: string, words: string][]}
+ */
 export function filterChoices() {
   const states = Object.entries(FILTERS).filter(([name]) => name !== "x" || !mission.blind);
+  /** @type {[string, string][]} */
   const next = mission.model ? [[NEXT, `${NEXT_FRAMES} that the model learns most from`]] : [];
-  const byDepth = mission.depths.map(([from, to]) => [
-    `${DEPTH}${from}:${to}`, `depth ${from} to ${to} m`,
-  ]);
-  const byClass = mission.classes.map(({ name }) => [CLASS + name, `with ${name} of mine`]);
-  return [...states, ...next, ...byClass, ...byDepth];
+  for (const { name } of mission.classes) next.push([CLASS + name, `with ${name} of mine`]);
+  for (const [from, to] of mission.depths) {
+    next.push([`${DEPTH}${from}:${to}`, `depth ${from} to ${to} m`]);
+  }
+  return [...states, ...next];
 }
 
 /** The value of the filter in force: one of `filterChoices`. */
@@ -45,10 +58,13 @@ export function filterName() {
 /** The filter in force in words. */
 export function filterWords() {
   const chosen = filterName();
-  return filterChoices().find(([name]) => name === chosen)[1];
+  return filterChoices().find(([name]) => name === chosen)?.[1] ?? "";
 }
 
-/** (camera, frame) => whether the filter in force lets it through, looked up once for many. */
+/**
+ * Whether the filter in force lets a frame through, looked up once for many.
+ * @returns {(camera: string, frame: number) => boolean}
+ */
 export function passing() {
   const name = filterName();
   if (name === "all") return () => true;
@@ -57,17 +73,18 @@ export function passing() {
   return (camera, frame) => states.includes(stateOf(camera, frame));
 }
 
-/** The frames of a camera that pass the filter. */
+/** The frames of a camera that pass the filter. @param {string} camera */
 export function passingFrames(camera) {
   const pass = passing();
   return frames(camera).filter((frame) => pass(camera, frame));
 }
 
-/** The choice of the filter. */
+/** The choice of the filter. @param {string} words @param {string} title */
 export function filterSelect(words, title) {
-  const change = ({ target }) => setSetting("filter", target.value);
-  const options = { class: "filter", "aria-label": words, title, on: { change } };
-  return backAfterMouse(choice(filterChoices(), filterName(), options));
+  const options = { class: "filter", "aria-label": words, title };
+  const select = choice(filterChoices(), filterName(), options);
+  select.addEventListener("change", () => setSetting("filter", select.value));
+  return backAfterMouse(select);
 }
 
 // ---- Frames with a label of mine of one class, of a depth, or to label next: asked of the server
@@ -78,11 +95,14 @@ const list = { filter: "", frames: null, asked: 0, timer: 0 }; // `frames` null:
 /**
  * Be told that the frames asked for last are known: `onClassFrames((first) => ...)` returns what
  * stops it; `first`: they were not known before.
+ * @type {Signal<[first: boolean]>}
  */
-const [onClassFrames, classFramesKnown] = signal();
-export { onClassFrames };
+export const [onClassFrames, classFramesKnown] = signal();
 
-// False while that is not known.
+/**
+ * False while that is not known.
+ * @param {string} name @param {string} camera @param {number} frame
+ */
 function listed(name, camera, frame) {
   if (name !== list.filter) {
     forgetList();
@@ -99,6 +119,7 @@ function forgetList() {
   list.frames = null;
 }
 
+/** @param {string} name @returns {Promise<{frames?: QueueEntry[], cameras?: ByCamera}>} */
 function askFor(name) {
   if (name === NEXT) return get("/api/queue", { n: NEXT_FRAMES });
   const [, above, below] = name.split(":");

@@ -1,19 +1,21 @@
 // Which class a model's obstacles are: the question to a person, and the choice in the drawer.
 
 import { onFailure, post } from "../core/api.js";
-import { choice, classTag } from "../core/controls.js";
-import { backAfterMouse, button, el, say } from "../core/dom.js";
+import { choice, classTag, complain } from "../core/controls.js";
+import { backAfterMouse, button, dialogById, el } from "../core/dom.js";
 import { mission } from "../core/mission.js";
 import { asksObstacleClass, obstacleClass, obstacleClasses } from "./suggest.js";
 
 /** For a model that only knows "obstacle": which class that is in these frames. */
 export function obstacleChoice() {
-  const change = ({ target }) => setObstacleClass(target.value);
-  return backAfterMouse(choice(obstacleClasses(), obstacleClass(), { on: { change } }));
+  const select = choice(obstacleClasses(), obstacleClass());
+  select.addEventListener("change", () => setObstacleClass(select.value));
+  return backAfterMouse(select);
 }
 
+/** @param {string} value */
 async function setObstacleClass(value) {
-  const explain = ({ message }) => say(`Not kept: ${message}`, { bad: true, stays: true });
+  const explain = complain("Not kept:", { stays: true });
   // All pages hear of it as an event, this one too: events come in order, an answer may not.
   await post("/api/settings", { name: "obstacle_as", value }).catch(onFailure(explain));
 }
@@ -23,10 +25,11 @@ async function setObstacleClass(value) {
  * whether it had to be asked.
  */
 export function askObstacleClass() {
-  const dialog = document.getElementById("question");
-  if (!asksObstacleClass()) return false;
+  const dialog = dialogById("question");
+  if (!mission.model || !asksObstacleClass()) return false;
   if (dialog.open) return true;
   const { learnt, label } = mission.model;
+  /** @param {string} name */
   const choose = (name) => {
     dialog.close();
     setObstacleClass(name);

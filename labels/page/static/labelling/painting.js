@@ -9,12 +9,26 @@ import { act, changesOf } from "../saving/saver.js";
 import { askObstacleClass } from "./obstacle_class.js";
 import { kindOf, modelObstacles, suggestedLabels } from "./suggest.js";
 
+/** @import { Place } from "../core/messages.js" */
+/** @import { LabelledPatch } from "../saving/saver.js" */
+
+/**
+ * A proposal for a patch without a label of mine; `strong`: taken by "accept the confident ones";
+ * `kept`: from the frame before; `model`: the version to record; `said`: what the model says;
+ * `against`: the proposal is of another kind.
+ * @typedef {{label: string, text: string, percent: ?number, strong: boolean, kept: boolean,
+ *   model: ?string, said: string | undefined, against: boolean}} Hint
+ */
+
 const PREFIX = "tokt.copy/";
-const COPY = { text: "copy", strong: true, kept: true, model: null };
-// key of an accepting action -> the copies that it took, for its undo
+const COPY = { text: "copy", percent: null, strong: true, kept: true, model: null };
+/** @type {Map<string, Place & {copies: (?string)[]}>} What an accepting action took, by its key. */
 const taken = new Map();
 
-/** Put a label on patches; null takes my labels back. */
+/**
+ * Put a label on patches; null takes my labels back.
+ * @param {string} camera @param {number} frame @param {number[]} cells @param {?string} label
+ */
 export function paint(camera, frame, cells, label, kind = "paint") {
   const key = act(label === null ? "erase" : kind, [{ camera, frame, label, cells }]);
   if (key && label !== null) forgetCopies(camera, frame, cells);
@@ -24,7 +38,8 @@ export function paint(camera, frame, cells, label, kind = "paint") {
 /**
  * The patches of a frame without a label of mine, which one key makes clear; but not those that the
  * model calls an obstacle, or that are proposed as one: to call them clear takes a stroke of their
- * own. `hints`: its proposals.
+ * own.
+ * @param {string} camera @param {number} frame @param {(?Hint)[]} [hints] Its proposals.
  * @returns {{cells: number[], left: number, waits: boolean}} `left`: how many stay as they are;
  *   `waits`: what the model says is not known yet.
  */
@@ -33,12 +48,14 @@ export function restOf(camera, frame, hints = hintsOf(camera, frame)) {
   const open = [...mine.keys()].filter((cell) => mine[cell] === null);
   const obstacles = modelObstacles(camera, frame);
   if (!obstacles) return { cells: [], left: open.length, waits: true };
-  const proposed = (cell) => Boolean(hints[cell] && kindOf(hints[cell].label));
-  const cells = open.filter((cell) => !obstacles[cell] && !proposed(cell));
+  const cells = open.filter((cell) => !obstacles[cell] && !kindOf(hints[cell]?.label ?? ""));
   return { cells, left: open.length - cells.length, waits: false };
 }
 
-/** Label the rest of a frame with the class that is no obstacle. */
+/**
+ * Label the rest of a frame with the class that is no obstacle.
+ * @param {string} camera @param {number} frame
+ */
 export function paintRest(camera, frame) {
   const { cells, left, waits } = restOf(camera, frame);
   const words = waits ? "What the model says is still being loaded." : leftWords(left);
@@ -48,7 +65,7 @@ export function paintRest(camera, frame) {
   }
 }
 
-/** What is said of patches that a key for many left out. */
+/** What is said of patches that a key for many left out. @param {number} left */
 export function leftWords(left) {
   const patches = left === 1 ? "1 patch stays" : `${left} patches stay`;
   return left ? `${patches} open: the model sees an obstacle there.` : "";
@@ -56,32 +73,41 @@ export function leftWords(left) {
 
 /**
  * Accept proposals.
+ * @param {string} camera @param {number} frame
  * @param {{cells?: number[], all?: boolean}} [options] `cells`: these only; `all`: also those
  *   below the threshold.
  * @returns {?number} How many patches have a label now; null where something is asked first.
  */
 export function accept(camera, frame, { cells, all = false } = {}) {
   const hints = hintsOf(camera, frame);
-  const chosen = cells ?? hints.map((_, cell) => cell).filter((cell) => hints[cell]);
-  const accepted = chosen.filter((cell) => hints[cell] && (all || cells || hints[cell].strong));
-  const patches = accepted.map((cell) => ({ camera, frame, cell, base: null, ...hints[cell] }));
+  const patches = (cells ?? [...hints.keys()]).flatMap((cell) => {
+    const hint = hints[cell];
+    if (!hint || !(all || cells || hint.strong)) return [];
+    return [{ camera, frame, cell, base: null, ...hint }];
+  });
   if (asksFirst(patches)) return null;
   const kind = patches.some(({ model }) => model) ? "accept" : "copy";
   const key = act(kind, changesOf(patches));
   if (!key) return 0;
   taken.set(key, { camera, frame, copies: copiesOf(camera, frame) });
-  forgetCopies(camera, frame, accepted);
-  return accepted.length;
+  forgetCopies(camera, frame, patches.map(({ cell }) => cell));
+  return patches.length;
 }
 
-/** Whether it must be asked first which obstacle the model means by these patches; then it is. */
+/**
+ * Whether it must be asked first which obstacle the model means by these patches; then it is.
+ * @param {LabelledPatch[]} patches
+ */
 export function asksFirst(patches) {
   return patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass();
 }
 
-/** Propose the copies again that an action took which is undone now. */
+/**
+ * Propose the copies again that an action took which is undone now.
+ * @param {string | undefined} key
+ */
 export function proposeAgain(key) {
-  const { camera, frame, copies } = taken.get(key) ?? { copies: [] };
+  const { camera, frame, copies } = taken.get(key ?? "") ?? { camera: "", frame: 0, copies: [] };
   if (!copies.some(Boolean) || !setCopies(camera, frame, copies)) return;
   labelsChanged(camera, frame);
 }
@@ -89,9 +115,11 @@ export function proposeAgain(key) {
 /**
  * Propose labels, one a cell or null, for the patches that have none; `whose`: where they come
  * from, in words; `none`: what to say where there are none.
+ * @param {string} camera @param {number} frame @param {(?string)[]} labels @param {string} whose
+ * @param {string} none
  */
 export function propose(camera, frame, labels, whose, none) {
-  const { mine } = labelsOf(camera, frame);
+  const mine = labelsOf(camera, frame)?.mine ?? [];
   const copies = labels.map((label, cell) => (mine[cell] === null ? label : null));
   const count = copies.filter((label) => label !== null).length;
   if (!count) {
@@ -107,7 +135,10 @@ export function propose(camera, frame, labels, whose, none) {
   say(`${copied} labels of ${whose} copied: Enter accepts, Escape drops them. ${words}`);
 }
 
-/** Drop the copies that were not accepted; whether there were any. */
+/**
+ * Drop the copies that were not accepted; whether there were any.
+ * @param {string} camera @param {number} frame
+ */
 export function dropAllCopies(camera, frame) {
   const copies = copiesOf(camera, frame);
   if (!copies.some(Boolean)) return false;
@@ -120,10 +151,7 @@ export function dropAllCopies(camera, frame) {
 /**
  * The proposals for the patches of a frame without a label of mine; a copy goes before a
  * suggestion, but a clear class is not copied over what the model calls an obstacle.
- * @returns {(?{label: string, text: string, percent: ?number, strong: boolean, kept: boolean,
- *   model: ?string, said: string, against: boolean})[]} `strong`: taken by "accept the confident
- *   ones"; `kept`: from the frame before; `model`: the version to record; `said`: what the model
- *   says; `against`: the proposal is of another kind.
+ * @param {string} camera @param {number} frame @returns {(?Hint)[]}
  */
 export function hintsOf(camera, frame) {
   const labels = labelsOf(camera, frame);
@@ -135,31 +163,38 @@ export function hintsOf(camera, frame) {
     if (label !== null) return null;
     const suggestion = suggestions?.[cell];
     const said = suggestion?.said;
-    const isClear = kindOf(copies[cell] ?? "") === false;
-    if (copies[cell] && !(isClear && (!obstacles || obstacles[cell]))) {
-      const against = Boolean(said) && kindOf(copies[cell]) !== kindOf(said);
-      return { ...COPY, label: copies[cell], said, against };
+    const copy = copies[cell];
+    if (copy && !(kindOf(copy) === false && (!obstacles || obstacles[cell]))) {
+      const against = said !== undefined && kindOf(copy) !== kindOf(said);
+      return { ...COPY, label: copy, said, against };
     }
     if (!suggestion) return null;
     const { label: suggested, value, percent, confident, against } = suggestion;
     const kept = suggested !== said;
     const text = kept ? "→" : value.toFixed(2);
-    const model = kept ? null : mission.model.label;
+    const model = kept ? null : (mission.model?.label ?? null);
     return { label: suggested, text, percent, strong: confident, kept, model, said, against };
   });
 }
 
+/** @param {string} camera @param {number} frame */
 function nameOf(camera, frame) {
   const { rows, cols } = mission.grid;
   return `${PREFIX}${mission.mission}/${rows}x${cols}/${who()}/${camera}/${frame}`;
 }
 
-/** The unconfirmed copies on a frame: labels or null, one a cell; empty where there are none. */
+/**
+ * The unconfirmed copies on a frame: labels or null, one a cell; empty where there are none.
+ * @param {string} camera @param {number} frame @returns {(?string)[]}
+ */
 function copiesOf(camera, frame) {
   return read(nameOf(camera, frame)) ?? [];
 }
 
-// Returns whether the browser keeps them.
+/**
+ * Whether the browser keeps them.
+ * @param {string} camera @param {number} frame @param {(?string)[]} labels
+ */
 function setCopies(camera, frame, labels) {
   const name = nameOf(camera, frame);
   if (labels.some((label) => label !== null)) return write(name, labels);
@@ -167,7 +202,7 @@ function setCopies(camera, frame, labels) {
   return true;
 }
 
-// They have a label now.
+/** They have a label now. @param {string} camera @param {number} frame @param {number[]} cells */
 function forgetCopies(camera, frame, cells) {
   const labels = copiesOf(camera, frame);
   if (cells.some((cell) => labels[cell])) {

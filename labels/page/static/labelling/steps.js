@@ -7,6 +7,7 @@ import { passing } from "./filters.js";
 /**
  * The frame some steps away (negative: backwards) among those that pass the filter; null if there
  * is none in that direction.
+ * @param {string} camera @param {number} frame @param {number} steps
  */
 export function stepFrom(camera, frame, steps) {
   const list = frames(camera);
@@ -22,7 +23,10 @@ export function stepFrom(camera, frame, steps) {
   return found;
 }
 
-/** The next frame in one of some states, round the end of the mission; null if there is none. */
+/**
+ * The next frame in one of some states, round the end of the mission; null if there is none.
+ * @param {string} camera @param {number} frame @param {string} states
+ */
 export function nextIn(camera, frame, states, direction = 1) {
   const list = frames(camera);
   const from = frameIndex(camera, frame);
@@ -33,21 +37,28 @@ export function nextIn(camera, frame, states, direction = 1) {
   return null;
 }
 
-/** Camera and frame where a person goes on: the one labelled last, else the first not done. */
+/**
+ * Camera and frame where a person goes on: the one labelled last, else the first not done.
+ * @returns {[camera: string, frame: number]}
+ */
 export function whereStopped() {
   const last = mission.undo.undo;
   if (last && frameIndex(last.camera, last.frame) >= 0) return [last.camera, last.frame];
   const cameras = Object.keys(mission.cameras);
-  const all = cameras.flatMap((one) => frames(one).map((number) => [one, number]));
+  /** @type {[string, number][]} */
+  const all = [];
+  for (const one of cameras) for (const number of frames(one)) all.push([one, number]);
   return all.find((place) => "usp".includes(stateOf(...place))) ?? all[0];
 }
 
 const QUEUE_LENGTH = 30;
+/** @type {Set<string>} */
 const shown = new Set();
 
 /**
  * The frame that the model is least sure about and that is unlike what is labelled, asked for
  * while a frame of a camera is shown.
+ * @param {string} camera @param {number} frame
  * @returns {Promise<{camera?: string, frame?: number, why: string}>} Without a frame: `why` says
  *   why there is none.
  * @throws {ApiError}

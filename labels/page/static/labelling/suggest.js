@@ -22,6 +22,22 @@
 import { classOf, clearClass, frameIndex, frames, mission, setting } from "../core/mission.js";
 import { labelsOf } from "../saving/labels.js";
 
+/** @import { Model } from "../core/messages.js" */
+
+/**
+ * What the model alone says of a patch; `named`: by a class of the taxonomy; `obstacle`: whether it
+ * is one to the model.
+ * @typedef {{label: string, value: number, named: boolean, obstacle: boolean}} Says
+ *
+ * What holds; `mine`: it goes back to what a person said.
+ * @typedef {{label: string, mine: boolean}} Held
+ *
+ * `value`, `percent` and `said` are the model's, also where the suggestion was kept from the frame
+ * before; `against`: it is of another kind than `said`.
+ * @typedef {{label: string, value: number, percent: ?number, confident: boolean, said: string,
+ *   against: boolean}} Suggestion
+ */
+
 const MAX_CHAIN = 32;
 const NEAREST = 5;
 
@@ -34,37 +50,42 @@ export function obstacleClasses() {
 
 /** The class that a binary model's "obstacle" stands for: as somebody said, else as it learnt. */
 export function obstacleClass() {
-  const chosen = mission.settings.obstacle_as;
-  return classOf(chosen).obstacle ? chosen : (obstacleClasses()[0] ?? "");
+  const { name, obstacle } = classOf(mission.settings.obstacle_as);
+  return obstacle ? name : (obstacleClasses()[0] ?? "");
 }
 
 /** Whether nobody said yet which of several classes that the model learnt "obstacle" stands for. */
 export function asksObstacleClass() {
   if (!needsObstacleClass() || classOf(mission.settings.obstacle_as).obstacle) return false;
-  const { learnt } = mission.model;
+  const learnt = mission.model?.learnt ?? {};
   return obstacleClasses().filter((name) => learnt[name]).length !== 1;
 }
 
 /** Whether the model only says obstacle or clear, so that a person must say which class. */
 export function needsObstacleClass() {
   const { model } = mission;
-  return Boolean(model) && model.classes.some((_, at) => model.obstacle[at] && !isNamed(at));
+  if (!model) return false;
+  return model.classes.some((_, at) => model.obstacle[at] && !isNamed(model, at));
 }
 
-// Whether a class of the model's is one of the taxonomy, and an obstacle there as it is here.
-function isNamed(index) {
-  const { classes: names, obstacle } = mission.model;
+/**
+ * Whether a class of the model's is one of the taxonomy, and an obstacle there as it is here.
+ * @param {Model} model @param {number} index
+ */
+function isNamed({ classes: names, obstacle }, index) {
   return kindOf(names[index]) === obstacle[index];
 }
 
-function labelFor(index) {
-  if (isNamed(index)) return mission.model.classes[index];
-  return mission.model.obstacle[index] ? obstacleClass() : clearClass();
+/** @param {Model} model @param {number} index */
+function labelFor(model, index) {
+  if (isNamed(model, index)) return model.classes[index];
+  return model.obstacle[index] ? obstacleClass() : clearClass();
 }
 
 /**
  * Which patches of a frame the model calls an obstacle, whether suggestions are shown or not; null
  * while that is not known, empty where no model judges the frame.
+ * @param {string} camera @param {number} frame @returns {?boolean[]}
  */
 export function modelObstacles(camera, frame) {
   const { model } = mission;
@@ -75,11 +96,9 @@ export function modelObstacles(camera, frame) {
 }
 
 /**
- * The suggestion for each patch of a frame.
- * @returns {?({label: string, value: number, percent: ?number, confident: boolean, said: string,
- *   against: boolean})[]} Null where there are none (no model, blind, not computed yet, or the
- *   frame cannot be judged). `value`, `percent` and `said` are the model's, also where the
- *   suggestion was kept from the frame before; `against`: it is of another kind than `said`.
+ * The suggestion for each patch of a frame; null where there are none (no model, blind, not computed
+ * yet, or the frame cannot be judged).
+ * @param {string} camera @param {number} frame @returns {?Suggestion[]}
  */
 export function suggestedLabels(camera, frame) {
   const own = setting("suggestions") ? modelSays(camera, frame) : null;
@@ -99,23 +118,27 @@ export function suggestedLabels(camera, frame) {
  * How many of a hundred patches, at least, that a model called obstacle (or clear) with such a
  * decision value were so: of patches that it had not learnt from when it was trained. Null where
  * that was not measured.
+ * @param {boolean} obstacle @param {number} value
  */
 export function percentRight(obstacle, value) {
-  const holds = ([of, low, high]) =>
-    Boolean(of) === obstacle && value >= low && value < (high ?? Infinity);
-  return mission.model.right.find(holds)?.[3] ?? null;
+  const found = mission.model?.right.find(
+    ([of, low, high]) => Boolean(of) === obstacle && value >= low && value < (high ?? Infinity),
+  );
+  return found?.[3] ?? null;
 }
 
-// What the model alone says: {label, value, named, obstacle} a patch; `named`: by a class of the
-// taxonomy; `obstacle`: whether it is one to the model.
+/**
+ * What the model alone says of each patch.
+ * @param {string} camera @param {number} frame @returns {?Says[]}
+ */
 function modelSays(camera, frame) {
   const { model } = mission;
-  const suggestions = model && labelsOf(camera, frame)?.suggestions;
+  const suggestions = labelsOf(camera, frame)?.suggestions;
   // The server may have been started anew with another model, which has other classes.
-  if (!suggestions?.classes || suggestions.model !== model.label) return null;
+  if (!model || !suggestions?.classes || suggestions.model !== model.label) return null;
   const words = model.classes.map((_, index) => ({
-    label: labelFor(index),
-    named: isNamed(index),
+    label: labelFor(model, index),
+    named: isNamed(model, index),
     obstacle: model.obstacle[index],
   }));
   return suggestions.classes.map((index, cell) => ({
@@ -124,16 +147,20 @@ function modelSays(camera, frame) {
   }));
 }
 
-// `y` and the result: {label, mine}; `mine`: it goes back to what a person said.
+/** @param {Says} says @param {?Held | undefined} y @returns {Held} */
 function followed(says, y) {
   return !y || contradicts(says, y) ? { label: says.label, mine: false } : y;
 }
 
-/** Whether a class is an obstacle; null of one that says neither, such as unsure. */
+/**
+ * Whether a class is an obstacle; null of one that says neither, such as unsure.
+ * @param {?string} label
+ */
 export function kindOf(label) {
   return classOf(label).obstacle;
 }
 
+/** @param {Says} says @param {Held} held */
 function contradicts({ label, named, value }, { label: y, mine }) {
   if (kindOf(label) && !kindOf(y) && (y !== "unsure" || !mine)) return true;
   if (y === "unsure") return value > setting("follow");
@@ -141,7 +168,10 @@ function contradicts({ label, named, value }, { label: y, mine }) {
   return !agrees && value >= setting("follow");
 }
 
-/** The frames before one that its suggestions depend on, latest first. */
+/**
+ * The frames before one that its suggestions depend on, latest first.
+ * @param {string} camera @param {number} frame @returns {number[]}
+ */
 export function framesFollowed(camera, frame) {
   if (!mission.model || !setting("follow")) return [];
   const list = frames(camera);
@@ -156,7 +186,10 @@ export function framesFollowed(camera, frame) {
   return chain;
 }
 
-// What holds on the frame before: labels of mine, else what is suggested there by the same rule.
+/**
+ * What holds on the frame before: labels of mine, else what is suggested there by the same rule.
+ * @param {string} camera @param {number} frame @returns {?(?Held)[]}
+ */
 function heldBefore(camera, frame) {
   const chain = [];
   for (const earlier of framesFollowed(camera, frame)) {
@@ -164,9 +197,11 @@ function heldBefore(camera, frame) {
     if (!labels) break;
     chain.unshift({ mine: labels.mine, own: modelSays(camera, earlier) });
   }
+  /** @type {?(?Held)[]} */
   let held = null;
   const first = chain.findIndex(({ mine }) => mine.some((label) => label !== null));
   for (const { mine, own } of first < 0 ? [] : chain.slice(first)) {
+    /** @type {?(?Held)[]} */
     const before = held;
     held = mine.map((label, cell) => {
       if (label !== null) return { label, mine: true };
@@ -176,7 +211,10 @@ function heldBefore(camera, frame) {
   return held;
 }
 
-/** Why a frame has no suggestions; "" where it has or nothing is amiss. */
+/**
+ * Why a frame has no suggestions; "" where it has or nothing is amiss.
+ * @param {string} camera @param {number} frame
+ */
 export function suggestionFault(camera, frame) {
   return labelsOf(camera, frame)?.suggestions?.fault ?? "";
 }

@@ -21,7 +21,10 @@ export async function stepForward() {
   tell("Done again", await redo());
 }
 
-/** Say what was undone where, and show it: views of frames go there, the others offer to. */
+/**
+ * Say what was undone where, and show it: views of frames go there, the others offer to.
+ * @param {string} what @param {?Head} head
+ */
 function tell(what, head) {
   if (!head) return;
   const view = currentView();
@@ -31,6 +34,7 @@ function tell(what, head) {
   say(`${what}: ${words(head)}.`, { link });
 }
 
+/** @param {Head} head */
 function words({ kind, changed, camera, frame, frames: count }) {
   const patches = changed === 1 ? "1 patch" : `${changed} patches`;
   const more = count > 1 ? ` and ${count - 1} more` : "";
@@ -38,23 +42,34 @@ function words({ kind, changed, camera, frame, frames: count }) {
 }
 
 const OWN = { undo: stepBack, redo: stepForward, settings: toggleDrawer };
+/** @type {Record<string, string>} */
 const OWN_KEYS = { undo: "z", redo: "Z", settings: DRAWER_KEY };
 
 /**
- * Build the toolbar; `commands` and `keyFor`: as of `commandButtons`, `choose` takes a class.
- * @param {[string, string, string][]} tools What painting can do beside classes: command, words,
- *   and what it does.
- * @param {[string, string, string][]} actions Of the view in the same form, "rest" among them; the
- *   first one is the main one.
- * @returns {{root: HTMLElement, show: (chosen: ?string) => void}} `chosen`: class or tool.
+ * @import { Command } from "../core/controls.js"
+ * @import { Head, LabelClass } from "../core/messages.js"
+ *
+ * @typedef {[command: string, words: string, does: string]} Tool
+ * @typedef {Partial<LabelClass> & {name: string, depth?: number, group?: boolean}} PainterRow
  */
-export function buildToolbar(commands, keyFor, tools, actions) {
+
+/**
+ * Build the toolbar.
+ * @param {Record<string, Command>} commands
+ * @param {(name: string) => unknown} choose Takes a class.
+ * @param {(command: string) => string} keyFor As of `commandButtons`.
+ * @param {Tool[]} tools What painting can do beside classes.
+ * @param {Tool[]} actions Of the view, "rest" among them; the first one is the main one.
+ */
+export function buildToolbar(commands, choose, keyFor, tools, actions) {
+  /** @param {string} name */
   const keys = (name) => (OWN_KEYS[name] ? reachable(OWN_KEYS[name]) : keyFor(name));
   const command = commandButtons({ ...OWN, ...commands }, keys);
+  /** @param {Tool} tool */
   const make = ([name, text, does]) => command(text, name, does);
-  const [undoing, redoing, drawer] = [
-    ["undo", "Undo", "Undo"], ["redo", "Redo", "Do again"], ["settings", "Settings", "Settings"],
-  ].map(make);
+  const undoing = command("Undo", "undo", "Undo");
+  const redoing = command("Redo", "redo", "Do again");
+  const drawer = command("Settings", "settings", "Settings");
   const group = { class: "painters", role: "group", "aria-label": "What painting puts on patches" };
   const painters = el("div", group);
   const toolRow = tools.map(make);
@@ -67,13 +82,14 @@ export function buildToolbar(commands, keyFor, tools, actions) {
     ...acting,
     drawer,
   );
+  /** @param {?string} chosen A class or a tool. */
   const show = (chosen) => {
-    showPainters(painters, commands.choose, chosen);
+    showPainters(painters, choose, chosen);
     for (const made of toolRow) {
       setAttribute(made, "aria-pressed", String(made.dataset.command === chosen));
     }
     const [back, again] = nextSteps();
-    allow(undoing, back ? "" : "Nothing to undo.", back?.key ? `Undo: ${words(back)}` : "Undo");
+    allow(undoing, back ? "" : "Nothing to undo.", isHead(back) ? `Undo: ${words(back)}` : "Undo");
     allow(redoing, again ? "" : "Nothing to do again.", again ? `Do again: ${words(again)}` : "");
     setAttribute(drawer, "aria-expanded", String(setting("drawer")));
     setText(root.querySelector("[data-command=rest]"), `Rest is ${clearClass()}`);
@@ -81,6 +97,12 @@ export function buildToolbar(commands, keyFor, tools, actions) {
   return { root, show };
 }
 
+/** Whether that is known here. @param {?Partial<Head>} head @returns {head is Head} */
+function isHead(head) {
+  return Boolean(head?.key);
+}
+
+/** @param {HTMLElement} root @param {(name: string) => unknown} choose @param {?string} chosen */
 function showPainters(root, choose, chosen) {
   const rows = classTree().map(({ name, key, obstacle, description, depth, group }) => ({
     name,
@@ -93,16 +115,20 @@ function showPainters(root, choose, chosen) {
     // A name that labels carry and the taxonomy does not have: shown, not given.
     disabled: obstacle === null && name !== "unsure",
   }));
-  const focused = root.contains(document.activeElement) && document.activeElement.ariaLabel;
+  const { activeElement } = document;
+  const focused = root.contains(activeElement) && activeElement?.ariaLabel;
   redraw(root, rows, () => rows.map((row) => painterButton(row, () => choose(row.name))));
-  if (focused) [...root.children].find(({ ariaLabel }) => ariaLabel === focused)?.focus();
+  const again = [...root.children].find(({ ariaLabel }) => focused && ariaLabel === focused);
+  if (again instanceof HTMLElement) again.focus();
 }
 
 // All classes with their depth, each below what it is a kind of; a group that is no class stands
 // above its first one.
 function classTree() {
   const all = mission.classes;
+  /** @type {PainterRow[]} */
   const rows = [];
+  /** @param {PainterRow} row @param {number} depth */
   const add = (row, depth) => {
     rows.push({ ...row, depth });
     for (const known of all) if (known.parent === row.name) add(known, depth + 1);
@@ -116,6 +142,11 @@ function classTree() {
   return rows;
 }
 
+/**
+ * @param {{name: string, group?: boolean, depth?: number, on: boolean, colour: string, sign: string,
+ *   title: unknown[], disabled: boolean}} row
+ * @param {() => unknown} run
+ */
 function painterButton({ name, group, depth, on, colour, sign, title, disabled }, run) {
   if (group) return el("span", { class: "group", text: name });
   const attributes = { class: "painter", title: title.filter(Boolean).join(" · "), disabled };

@@ -11,23 +11,28 @@ import { filterSelect } from "../labelling/filters.js";
 import { buildToolbar } from "../labelling/toolbar.js";
 import { suggesting } from "./thumb.js";
 
+/** @import { Tally } from "./overview_state.js" */
+
+/** @type {Record<string, string>} */
 const KEYS = { acceptNext: "Enter", acceptAll: "Shift+Enter", rest: "o" };
 
 /** The bar, the toolbar and the drawer. */
 export class OverviewBar {
-  /** `does`, what the buttons do: accept(all), rest(), turn(step), resize(step), otherCamera(). */
+  /**
+   * @param {{accept: (all: boolean) => void, rest: () => void, turn: (step: number) => void,
+   *   resize: (step: number) => void, otherCamera: () => void}} does What the buttons do.
+   */
   constructor(does) {
     this.range = el("span", { class: "overview-range" });
     this.words = el("span", { class: "overview-words", role: "status" });
     const words = "which frames are shown";
     this.filter = filterSelect(words, `${words} (/)`);
     const commands = {
-      choose: selectClass,
       acceptNext: () => does.accept(false),
       acceptAll: () => does.accept(true),
       rest: does.rest,
     };
-    this.tools = buildToolbar(commands, (name) => reachable(KEYS[name]), [], [
+    this.tools = buildToolbar(commands, selectClass, (name) => reachable(KEYS[name]), [], [
       ["acceptNext", "Accept and next", ""],
       ["rest", "", ""],
       ["acceptAll", "Accept all", ""],
@@ -51,19 +56,23 @@ export class OverviewBar {
     setSetting("filter", filter.value);
   }
 
-  /** Say what is shown (`range`: which frames) and what the buttons would do. */
+  /**
+   * Say what is shown (`range`: which frames) and what the buttons would do.
+   * @param {string} range @param {Tally} tally
+   */
   show(range, { strong, weak, open, waiting }) {
     this.range.textContent = range;
     const all = strong + weak;
     const shown = "of the frames shown";
+    /** @type {Record<string, [count: number, what: string]>} */
     const does = {
       acceptNext: [strong, `Accept ${strong} sure suggestions ${shown}, and go on`],
       acceptAll: [all, `Accept all ${all} suggestions ${shown}, and go on`],
       rest: [open, `Label ${open} patches ${shown} that have no label, but for obstacles`],
     };
     const none = "No patch of the frames shown is left for it.";
-    for (const made of this.tools.root.querySelectorAll("[data-command]")) {
-      const [count, what] = does[made.dataset.command] ?? [];
+    for (const made of this.tools.root.getElementsByTagName("button")) {
+      const [count, what] = does[made.dataset.command ?? ""] ?? [];
       if (what) allow(made, count || waiting ? "" : none, what);
     }
     this.tools.show(chosenClass());
@@ -73,6 +82,7 @@ export class OverviewBar {
   }
 }
 
+/** @param {number} waiting @param {string} said */
 function advice(waiting, said) {
   if (mission.blind) {
     const listed = blindFrames().length > 0;

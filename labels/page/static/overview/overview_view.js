@@ -1,6 +1,6 @@
 // The overview: a contact sheet of frames, on which many frames are labelled at once.
 
-import { el, say, setAttribute, soon } from "../core/dom.js";
+import { el, say, setAttribute, soon, targetOf } from "../core/dom.js";
 import { showProgress } from "../core/progress.js";
 import { labelKeys } from "../core/keys.js";
 import {
@@ -17,6 +17,7 @@ import { framesFollowed, kindOf, modelObstacles } from "../labelling/suggest.js"
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { act, actOn, changesOf, patchesAre, withdraw } from "../saving/saver.js";
 import { OverviewBar } from "./overview_bar.js";
+import { newPage, page, parts, view } from "./overview_state.js";
 import { Thumb, contentOf } from "./thumb.js";
 import { paintOver } from "./thumb_painting.js";
 
@@ -31,45 +32,54 @@ const MIN_HEIGHT = 40;
 // So much of a row may be missing: pictures a little smaller are better than an empty strip.
 const SQUEEZED = 0.2;
 
-let parts = null; // the elements on show; null while another view is
-let page = null; // {camera, first, asked, thumbs, excluded, focus, cell, stroke, touched}
-let last = null; // {camera, first}: where the person was, to come back to
+/**
+ * @import { KeyEntry } from "../core/keys.js"
+ * @import { LabelledPatch } from "../saving/saver.js"
+ * @import { Content } from "./thumb.js"
+ * @import { Cells } from "./thumb_painting.js"
+ * @import { Tally } from "./overview_state.js"
+ */
 
+/** @param {HTMLElement} root @param {string[]} parts */
 async function show(root, [camera, first]) {
   const known = camera in mission.cameras ? camera : Object.keys(mission.cameras)[0];
-  const wanted = { camera: known, first: Number(first) || frames(known)[0] };
-  if (parts && page?.camera === known) {
-    const at = page.thumbs.findIndex(({ frame }) => frame === wanted.first);
+  const wanted = newPage(known, Number(first) || frames(known)[0]);
+  if (view.parts && view.page?.camera === known) {
+    const at = page().thumbs.findIndex(({ frame }) => frame === wanted.first);
     if (at >= 0) return focusOn(at);
     wanted.asked = wanted.first; // an undo names a frame to see, whatever is filtered
   }
-  last = wanted;
-  if (page?.camera === known) wanted.excluded = page.excluded;
-  if (!parts) {
-    parts = { ...build(), host: root };
-    root.replaceChildren(parts.root);
-    parts.resized.observe(parts.list);
+  view.last = wanted;
+  if (view.page?.camera === known) wanted.excluded = page().excluded;
+  if (!view.parts) {
+    const made = (view.parts = { ...build(), host: root });
+    root.replaceChildren(made.root);
+    made.resized.observe(made.list);
   }
-  parts.list.focus({ preventScroll: true });
+  parts().list.focus({ preventScroll: true });
   await Promise.all([lookAtShapes(), tryBlindList()]);
-  if (!parts || last !== wanted) return;
-  page = wanted;
+  if (!view.parts || view.last !== wanted) return;
+  view.page = wanted;
   layOut();
 }
 
 /** Another person works here, or blind, or the mission was loaded anew. */
 function showAnew() {
-  const { host } = parts;
-  const left = page;
+  const { host } = parts();
+  const left = view.page;
   hide();
-  page = left; // which frames are left out
-  show(host, [last.camera, last.first]);
+  view.page = left; // which frames are left out
+  if (view.last) show(host, [view.last.camera, String(view.last.first)]);
+}
+
+function addressOf() {
+  return view.last ? `#/overview/${view.last.camera}/${view.last.first}` : "#/overview";
 }
 
 function hide() {
-  parts.resized.disconnect();
-  parts = null;
-  page = null;
+  parts().resized.disconnect();
+  view.parts = null;
+  view.page = null;
 }
 
 function build() {
@@ -78,7 +88,7 @@ function build() {
     role: "listbox", tabindex: "0", "aria-label": "frames", "data-home": true,
   });
   list.addEventListener("click", clicked);
-  list.addEventListener("pointerdown", () => (painted = null));
+  list.addEventListener("pointerdown", () => (view.painted = null));
   paintOver(list, { thumbAt, allThumbs, onStroke, onPainted });
   const does = { accept: accepting, rest: restOfAll, turn, resize, otherCamera };
   const bar = new OverviewBar(does);
@@ -90,24 +100,25 @@ function build() {
 
 // ---- Which frames
 
-/** Blind, and asked to label what somebody labelled: only those frames. */
+/** Blind, and asked to label what somebody labelled: only those frames. @param {number} frame */
 function keeps(frame) {
-  const { camera, asked, passes } = page;
+  const { camera, asked, passes } = page();
   return passesBlindList(camera, frame) && (frame === asked || passes(camera, frame));
 }
 
 function columns() {
-  const whole = Math.max(COLUMNS.least, Math.floor(parts.list.clientWidth / CAPTION_WIDTH));
+  const whole = Math.max(COLUMNS.least, Math.floor(parts().list.clientWidth / CAPTION_WIDTH));
   return setting("overviewColumns") || Math.min(COLUMNS.usual, whole);
 }
 
 /** How many thumbnails fit, and the size of each one's picture in CSS pixels. */
 function size() {
-  const style = getComputedStyle(parts.list);
-  const inner = (side) => parseFloat(style[`padding${side}`]);
-  const across = parts.list.clientWidth - inner("Left") - inner("Right");
-  const down = parts.list.clientHeight - inner("Top") - inner("Bottom");
-  const aspect = frameAspect(page.camera);
+  const style = getComputedStyle(parts().list);
+  const [left, right] = [parseFloat(style.paddingLeft), parseFloat(style.paddingRight)];
+  const across = parts().list.clientWidth - left - right;
+  const [top, bottom] = [parseFloat(style.paddingTop), parseFloat(style.paddingBottom)];
+  const down = parts().list.clientHeight - top - bottom;
+  const aspect = frameAspect(page().camera);
   const share = Math.floor((across - (columns() - 1) * GAP) / columns());
   const widest = Math.max(MIN_WIDTH, share);
   const highest = Math.round(widest * aspect);
@@ -119,7 +130,10 @@ function size() {
   return { count: rows * columns(), width, height };
 }
 
-/** The first `count` frames from index `from` on that are shown. */
+/**
+ * The first `count` frames from index `from` on that are shown.
+ * @param {number[]} list @param {number} from @param {number} count
+ */
 function framesFrom(list, from, count) {
   const found = [];
   for (let at = from; at < list.length && found.length < count; at += 1) {
@@ -128,110 +142,118 @@ function framesFrom(list, from, count) {
   return found;
 }
 
-/** The last `count` frames before index `until` that are shown, ascending. */
+/**
+ * The last `count` frames before index `until` that are shown, ascending.
+ * @param {number[]} list @param {number} until @param {number} count
+ */
 function framesBefore(list, until, count) {
   return framesFrom(list.slice(0, until).reverse(), 0, count).reverse();
 }
 
 function layOut() {
-  showProgress(page.camera);
-  const { camera, first } = page;
+  showProgress(page().camera);
+  const { camera, first } = page();
   const { count, width, height } = size();
   const list = frames(camera);
-  page.passes = passing();
+  page().passes = passing();
   const shown = framesFrom(list, indexFrom(camera, first), count);
   // Who makes the window or the pictures larger still means to leave the same frames out.
-  const excluded = new Set(shown.filter((frame) => page.excluded?.has(frame)));
-  const focus = Math.max(0, shown.indexOf(page.thumbs?.[page.focus]?.frame));
-  Object.assign(page, { count, width, excluded, focus, cell: page.cell ?? null });
-  Object.assign(page, { stroke: null, touched: new Set() });
+  const excluded = new Set(shown.filter((frame) => page().excluded.has(frame)));
+  const focus = Math.max(0, shown.indexOf(focused()?.frame ?? -1));
+  Object.assign(page(), { count, width, excluded, focus });
+  Object.assign(page(), { stroke: null, touched: new Set() });
   // Those that are seen stay: what is said of others that are loading may take a line, and the
   // thumbnails would be laid out anew without end.
-  const seen = new Map(page.thumbs?.filter((one) => one.seen).map((one) => [one.frame, one]));
+  const seen = new Map(page().thumbs.filter((one) => one.seen).map((one) => [one.frame, one]));
   const told = { onShape: layOutSoon, onPicture: drawSoon };
-  page.thumbs = shown.map((frame) => seen.get(frame) ?? new Thumb(camera, frame, told));
-  page.thumbs.forEach((thumb, index) => thumb.place(`thumb-${index}`, width, height));
-  parts.list.replaceChildren(...page.thumbs.map((thumb) => thumb.element));
-  if (shown.length === 0) parts.list.append(el("p", { class: "empty-state", text: nothing() }));
+  page().thumbs = shown.map((frame) => seen.get(frame) ?? new Thumb(camera, frame, told));
+  page().thumbs.forEach((thumb, index) => thumb.place(`thumb-${index}`, width, height));
+  parts().list.replaceChildren(...page().thumbs.map((thumb) => thumb.element));
+  if (shown.length === 0) parts().list.append(el("p", { class: "empty-state", text: nothing() }));
   draw();
   prefetch(camera, needed(shown)).then(readAhead);
 }
 
-/** These frames, and those before them that their suggestions depend on. */
+/** These frames, and those before them that their suggestions depend on. @param {number[]} shown */
 function needed(shown) {
-  const before = shown.flatMap((frame) => framesFollowed(page.camera, frame));
+  const before = shown.flatMap((frame) => framesFollowed(page().camera, frame));
   return [...new Set([...before.slice(0, MAX_BEFORE), ...shown])];
 }
 
 function nothing() {
   const keys = "/ filters, Page Up goes back.";
-  return `From frame ${page.first} on there is nothing: ${filterWords()}. ${keys}`;
+  return `From frame ${page().first} on there is nothing: ${filterWords()}. ${keys}`;
 }
 
 function relayOut() {
-  if (!page) return;
+  if (!view.page) return;
   const { count, width } = size();
-  if (count !== page.count || width !== page.width) layOut();
+  if (count !== page().count || width !== page().width) layOut();
 }
 
-const layOutSoon = soon(() => page && layOut());
+const layOutSoon = soon(() => view.page && layOut());
 
 /** The next page's labels and pictures, so that going on is instant. */
 function readAhead() {
-  if (!page) return;
+  if (!view.page) return;
   const next = nextFrames();
-  prefetch(page.camera, needed(next));
+  prefetch(page().camera, needed(next));
   for (const frame of next) {
-    new Image().src = thumbAddress(page.camera, frame, page.width);
+    new Image().src = thumbAddress(page().camera, frame, page().width);
   }
 }
 
 function nextFrames() {
-  const { camera, thumbs, count } = page;
+  const { camera, thumbs, count } = page();
   if (thumbs.length === 0) return [];
-  return framesFrom(frames(camera), indexFrom(camera, thumbs.at(-1).frame + 1), count);
+  return framesFrom(frames(camera), indexFrom(camera, thumbs[thumbs.length - 1].frame + 1), count);
 }
 
 // ---- What is shown
 
 function draw() {
-  if (!page) return;
+  if (!view.page) return;
   // What was forgotten, or could not be had when it was asked for.
-  const missing = page.thumbs.filter(({ camera, frame }) => !labelsOf(camera, frame));
-  if (missing.length > 0) prefetch(page.camera, missing.map(({ frame }) => frame));
-  page.thumbs.forEach(drawThumb);
-  const active = page.thumbs.length > 0 && `thumb-${page.focus}`;
-  setAttribute(parts.list, "aria-activedescendant", active);
+  const missing = page().thumbs.filter(({ camera, frame }) => !labelsOf(camera, frame));
+  if (missing.length > 0) prefetch(page().camera, missing.map(({ frame }) => frame));
+  page().thumbs.forEach(drawThumb);
+  const active = page().thumbs.length > 0 && `thumb-${page().focus}`;
+  setAttribute(parts().list, "aria-activedescendant", active);
   showWords();
 }
 
 const drawSoon = soon(draw);
 
+/** @param {Thumb} thumb */
 function drawThumb(thumb) {
-  const { stroke, excluded, cell } = page;
+  const { stroke, excluded, cell } = page();
   const focus = thumb === focused();
   const cells = stroke?.cells.get(thumb);
   thumb.draw({
     excluded: excluded.has(thumb.frame),
-    painted: cells ? new Map([...cells].map((one) => [one, stroke.label])) : null,
+    painted: stroke && cells ? new Map([...cells].map((one) => [one, stroke.label])) : null,
     cursor: focus ? cell : null,
   });
   thumb.element.setAttribute("aria-selected", String(focus));
 }
 
 /** A stroke goes on: only the thumbnails that it has touched change. */
-const drawStrokeSoon = soon(() => page?.touched.forEach(drawThumb));
+const drawStrokeSoon = soon(() => view.page?.touched.forEach(drawThumb));
 
 function showWords() {
-  const { camera, thumbs } = page;
+  const { camera, thumbs } = page();
   const range = thumbs.length
-    ? `${camera} ${thumbs[0].frame}–${thumbs.at(-1).frame} of ${frames(camera).length}`
+    ? `${camera} ${thumbs[0].frame}–${thumbs[thumbs.length - 1].frame} of ${frames(camera).length}`
     : `${camera}: no frame`;
-  parts.bar.show(range, tally((thumb) => thumb.content));
+  parts().bar.show(range, tally((thumb) => thumb.content));
 }
 
-/** Patches of the frames that Enter works on, by what would happen to them. */
+/**
+ * Patches of the frames that Enter works on, by what would happen to them.
+ * @param {(thumb: Thumb) => ?Content} contentFor
+ */
 function tally(contentFor) {
+  /** @type {Tally} */
   const sum = { strong: 0, weak: 0, open: 0, waiting: 0 };
   for (const thumb of worked()) {
     const content = contentFor(thumb);
@@ -244,13 +266,14 @@ function tally(contentFor) {
 
 /** The frames that can be seen, or soon will be, and are not left out. */
 function worked() {
-  return page.thumbs.filter((thumb) => thumb.seen !== false && !page.excluded.has(thumb.frame));
+  return page().thumbs.filter((thumb) => thumb.seen !== false && !page().excluded.has(thumb.frame));
 }
 
 // ---- What a person does
 
+/** @param {boolean} all */
 function accepting(all) {
-  if (page.thumbs.length === 0) return;
+  if (page().thumbs.length === 0) return;
   const { waiting, open } = tally(({ camera, frame }) => contentOf(camera, frame));
   if (waiting > 0) return sayWaiting(waiting);
   const patches = worked().flatMap((thumb) => suggestedPatches(thumb, all));
@@ -263,12 +286,14 @@ function accepting(all) {
   goOn(count > 0 ? `${patchesAre(count)} accepted; Ctrl+Z undoes.` : "Nothing to accept here.");
 }
 
+/** @param {number} count */
 function sayWaiting(count) {
   say(`${count} of the frames shown are still being loaded.`, { bad: true });
 }
 
+/** @param {Thumb} thumb @param {boolean} all @returns {LabelledPatch[]} */
 function suggestedPatches({ camera, frame }, all) {
-  return contentOf(camera, frame).hints.flatMap((hint, cell) => {
+  return (contentOf(camera, frame)?.hints ?? []).flatMap((hint, cell) => {
     if (!hint || !(all || hint.strong)) return [];
     return [{ camera, frame, cell, label: hint.label, base: null, model: hint.model }];
   });
@@ -290,104 +315,120 @@ function restOfAll() {
   goOn(words || "All labelled.");
 }
 
+/** @param {string} words */
 function goOn(words) {
   const more = nextFrames().length > 0;
   say(more ? words : `${words} This is the last page.`);
   if (more) turn(1);
 }
 
+/** @param {number} step */
 function turn(step) {
-  const { camera, first, count } = page;
+  const { camera, first, count } = page();
   const before = () => framesBefore(frames(camera), indexFrom(camera, first), count);
   const [found] = step > 0 ? nextFrames() : before();
   if (found === undefined) say(`This is the ${step > 0 ? "last" : "first"} page.`);
   else go(`#/overview/${camera}/${found}`);
 }
 
+/** @param {number} step */
 function resize(step) {
   setSetting("overviewColumns", Math.max(COLUMNS.least, Math.min(COLUMNS.most, columns() - step)));
 }
 
 function otherCamera() {
   const names = Object.keys(mission.cameras);
-  const next = names[(names.indexOf(page.camera) + 1) % names.length];
-  go(`#/overview/${next}/${page.first}`);
+  const next = names[(names.indexOf(page().camera) + 1) % names.length];
+  go(`#/overview/${next}/${page().first}`);
 }
 
+/** @param {Thumb | undefined} thumb */
 function exclude(thumb) {
   if (!thumb) return;
-  if (!page.excluded.delete(thumb.frame)) page.excluded.add(thumb.frame);
+  if (!page().excluded.delete(thumb.frame)) page().excluded.add(thumb.frame);
   draw();
 }
 
 function focused() {
-  return page?.thumbs[page.focus];
+  return view.page?.thumbs.at(page().focus);
 }
 
+/** @param {Thumb | undefined} thumb */
 function open(thumb) {
   if (thumb) go(`#/label/${thumb.camera}/${thumb.frame}`);
 }
 
+/** @param {KeyboardEvent} event */
 function moveFrame(event) {
   const [down, right] = ARROWS[event.key];
-  const next = page.focus + down * columns() + right;
-  if (next in page.thumbs) focusOn(next);
+  const next = page().focus + down * columns() + right;
+  if (next in page().thumbs) focusOn(next);
 }
 
+/** @param {number} index */
 function focusOn(index) {
-  page.focus = index;
-  noteAddress(view.link());
+  page().focus = index;
+  noteAddress(addressOf());
   draw();
-  focused().element.scrollIntoView({ block: "nearest" });
+  focused()?.element.scrollIntoView({ block: "nearest" });
 }
 
+/** @param {KeyboardEvent} event */
 function moveCell(event) {
   const { rows, cols } = mission.grid;
   const middle = cellAt(Math.floor(rows / 2), Math.floor(cols / 2));
-  page.cell = page.cell === null ? middle : cellFrom(page.cell, ...ARROWS[event.key]);
+  const { cell } = page();
+  page().cell = cell === null ? middle : cellFrom(cell, ...ARROWS[event.key]);
   draw();
 }
 
 function paintCell() {
-  if (!focused()?.seen || page.cell === null) return;
-  onPainted(new Map([[focused(), new Set([page.cell])]]), 0);
+  const thumb = focused();
+  const { cell } = page();
+  if (thumb?.seen && cell !== null) onPainted(new Map([[thumb, new Set([cell])]]), 0);
 }
 
 // ---- Painting with the mouse
 
+/** @param {number} x @param {number} y */
 function thumbAt(x, y) {
   const picture = document.elementFromPoint(x, y)?.closest(".thumb-picture");
-  return page.thumbs.find((thumb) => thumb.seen && thumb.picture === picture) ?? null;
+  return page().thumbs.find((thumb) => thumb.seen && thumb.picture === picture) ?? null;
 }
 
+/** @param {Thumb} start */
 function allThumbs(start) {
-  const painted = (thumb) => thumb.seen && !page.excluded.has(thumb.frame);
-  return page.thumbs.filter((thumb) => thumb === start || painted(thumb));
+  return page().thumbs.filter(
+    (thumb) => thumb === start || (thumb.seen && !page().excluded.has(thumb.frame)),
+  );
 }
 
-// A class that nobody chose is not painted with: the first one means that the way is clear.
+/**
+ * A class that nobody chose is not painted with: the first one means that the way is clear.
+ * @param {number} mouseButton
+ */
 function labelOf(mouseButton) {
   return mouseButton === 2 ? UNSURE : chosenClass();
 }
 
+/** @param {?Cells} cells @param {number} mouseButton */
 function onStroke(cells, mouseButton) {
-  if (!page) return;
+  if (!view.page) return;
   const label = labelOf(mouseButton);
-  page.stroke = cells && label && { cells, label };
-  for (const thumb of cells?.keys() ?? []) page.touched.add(thumb);
+  page().stroke = cells && label ? { cells, label } : null;
+  for (const thumb of cells?.keys() ?? []) page().touched.add(thumb);
   drawStrokeSoon();
 }
 
-let painted = null; // the key of what was painted since the button went down
-let clicks = []; // the same of the clicks that follow one another, as those of a double click
-
+/** @param {Cells} cells @param {number} mouseButton @param {Cells} [own] */
 function onPainted(cells, mouseButton, own = cells) {
-  if (!page) return;
+  if (!view.page) return;
   const label = labelOf(mouseButton);
   if (!label) {
     const keys = mission.classes.filter(({ key }) => key).map(({ key, name }) => `${key} ${name}`);
     return say(`Choose a class first, by its key: ${keys.join(", ")}.`);
   }
+  /** @type {LabelledPatch[]} */
   const patches = [];
   let left = 0;
   for (const [thumb, some] of cells) {
@@ -405,8 +446,8 @@ function onPainted(cells, mouseButton, own = cells) {
   }
   // A click may be half of a double click, which opens the frame and paints nothing.
   const hold = [...cells.values()].every((some) => some.size === 1);
-  painted = act("paint", changesOf(patches), { hold });
-  if (painted) {
+  view.painted = act("paint", changesOf(patches), { hold });
+  if (view.painted) {
     const shown = new Set(patches.map(({ camera, frame }) => `${camera} frame ${frame}`));
     const where = shown.size === 1 ? [...shown][0] : `${shown.size} frames`;
     const words = `${patchesAre(patches.length)} now ${label}, ${where}; Ctrl+Z undoes.`;
@@ -415,25 +456,33 @@ function onPainted(cells, mouseButton, own = cells) {
   drawSoon();
 }
 
+/** @param {MouseEvent} event */
 function clicked(event) {
-  clicks = [...(event.detail > 1 ? clicks : []), painted];
-  const thumb = page.thumbs.find(({ element }) => element.contains(event.target));
+  view.clicks = [...(event.detail > 1 ? view.clicks : []), view.painted];
+  const thumb = page().thumbs.find(({ element }) => element.contains(targetOf(event)));
   if (!thumb) return;
   if (event.target === thumb.leave) return exclude(thumb);
-  page.focus = page.thumbs.indexOf(thumb);
+  page().focus = page().thumbs.indexOf(thumb);
   if (event.detail < 2) return draw();
-  if (clicks.filter(Boolean).map(withdraw).length > 0) say("Opened; nothing was painted.");
+  const keys = view.clicks.filter((key) => key !== null);
+  keys.forEach(withdraw);
+  if (keys.length > 0) say("Opened; nothing was painted.");
   open(thumb);
 }
 
+/**
+ * @param {string[]} keys @param {string} does @param {KeyEntry["run"]} [run]
+ * @returns {KeyEntry}
+ */
 const row = (keys, does, run) => ({ keys, does, run });
+/** @param {() => void} run @returns {KeyEntry["run"]} */
 const once = (run) => (event) => event.repeat || run();
 
-const view = {
+addView("overview", {
   title: "Overview",
   show,
   hide,
-  link: () => (last ? `#/overview/${last.camera}/${last.first}` : "#/overview"),
+  link: addressOf,
   keys: [
     row(
       ["Enter"],
@@ -456,24 +505,22 @@ const view = {
     row(["Drag"], "paint; also over several frames; right button: unsure"),
     row(["Shift+Drag"], "paint a rectangle"),
     row(["Ctrl+Drag"], "paint the same patches in all frames shown"),
-    row(["/"], "filter: which frames are shown", () => parts.bar.nextFilter()),
+    row(["/"], "filter: which frames are shown", () => parts().bar.nextFilter()),
     row(["s"], "the other camera", otherCamera),
     row(["+", "-"], "larger, smaller pictures", (_, key) => resize(key === "+" ? 1 : -1)),
     ...labelKeys,
   ],
-};
+});
 
 onLabels(drawSoon);
-onReload(() => page?.excluded?.clear());
+onReload(() => view.page?.excluded.clear());
 onClassFrames((first) => (first ? layOutSoon() : drawSoon()));
 onChange((what) => {
-  if (what === "all" && parts) showAnew();
+  if (what === "all" && view.parts) showAnew();
   else drawSoon();
 });
 onSetting((name) => {
-  if (name === "filter" && page) page.asked = null;
+  if (name === "filter" && view.page) view.page.asked = null;
   if (["overviewColumns", "filter", "enhance"].includes(name)) layOutSoon();
   else drawSoon();
 });
-
-addView("overview", view);

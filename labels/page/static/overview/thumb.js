@@ -1,7 +1,7 @@
 // One frame of the overview: its picture, its labels and suggestions, and its state in words.
 // Labels are drawn as in the view of one frame.
 
-import { el, setAttribute } from "../core/dom.js";
+import { contextOf, el, setAttribute } from "../core/dom.js";
 import { mission, setting, stateOf } from "../core/mission.js";
 import { learnShape, thumbAddress } from "../core/pictures.js";
 import { hintsOf } from "../labelling/painting.js";
@@ -12,10 +12,17 @@ import { STATES } from "../labelling/frame_states.js";
 import { labelsOf } from "../saving/labels.js";
 
 /**
- * What a frame shows and what of it waits for a decision.
- * @returns {?{mine: (?string)[], hints: (?Object)[], waits: boolean, fault: string,
- *   noted: boolean}} Null while it is not loaded; `hints`: as `hintsOf` gives them; `waits`: the
- *   model has not come to this frame.
+ * @import { Hint } from "../labelling/painting.js"
+ * @import { ShownCell } from "../labelling/cell_drawing.js"
+ *
+ * What a frame shows; `waits`: the model has not come to it.
+ * @typedef {{mine: (?string)[], hints: (?Hint)[], waits: boolean, fault: string, noted: boolean}}
+ *   Content
+ */
+
+/**
+ * What a frame shows and what of it waits for a decision; null while it is not loaded.
+ * @param {string} camera @param {number} frame @returns {?Content}
  */
 export function contentOf(camera, frame) {
   const labels = labelsOf(camera, frame);
@@ -33,9 +40,19 @@ export function suggesting() {
 
 /** A thumbnail. */
 export class Thumb {
-  /** `onShape`: the picture has another shape than was believed; `onPicture`: it is there, or not. */
+  /**
+   * `onShape`: the picture has another shape than was believed; `onPicture`: it is there, or not.
+   * @param {string} camera @param {number} frame
+   * @param {{onShape: () => void, onPicture: () => void}} told
+   */
   constructor(camera, frame, { onShape, onPicture }) {
-    Object.assign(this, { camera, frame });
+    this.camera = camera;
+    this.frame = frame;
+    this.size = { width: 0, height: 0 };
+    this.drawn = ""; // what was drawn and said last
+    this.name = "";
+    /** @type {?Content} */
+    this.content = null;
     this.image = el("img", { alt: "", draggable: "false" });
     this.canvas = el("canvas", { "aria-hidden": "true" });
     this.number = el("span", { class: "thumb-number", text: String(frame) });
@@ -48,7 +65,7 @@ export class Thumb {
       this.picture,
       el("div", { class: "thumb-caption" }, this.number, this.state, this.leave),
     );
-    /** Whether the picture is on the screen; null while it is loading. */
+    /** @type {?boolean} Whether the picture is on the screen; null while it is loading. */
     this.seen = null;
     this.image.addEventListener("load", () => {
       this.seen = true;
@@ -63,7 +80,10 @@ export class Thumb {
     });
   }
 
-  /** Take a place and a size in CSS pixels; a picture that is there stays until a better one is. */
+  /**
+   * Take a place and a size in CSS pixels; a picture that is there stays until a better one is.
+   * @param {string} id @param {number} width @param {number} height
+   */
   place(id, width, height) {
     this.element.id = id;
     this.size = { width, height };
@@ -72,7 +92,10 @@ export class Thumb {
     setAttribute(this.image, "src", thumbAddress(this.camera, this.frame, width));
   }
 
-  /** The cell under a point of the window; -1 if it is not over the picture. */
+  /**
+   * The cell under a point of the window; -1 if it is not over the picture.
+   * @param {number} x @param {number} y
+   */
   cellAt(x, y) {
     const box = this.canvas.getBoundingClientRect();
     const { width, height } = patchSize(box.width, box.height);
@@ -81,7 +104,7 @@ export class Thumb {
 
   /**
    * Draw labels and suggestions, and say the state.
-   * @param {{excluded: boolean, painted: ?Map<number, ?string>, cursor: ?number}} marks
+   * @param {{excluded: boolean, painted: ?Map<number, string>, cursor: ?number}} marks
    *   `painted`: cells of a stroke that goes on; `cursor`: cell of the keyboard's cursor.
    */
   draw({ excluded, painted, cursor }) {
@@ -93,7 +116,10 @@ export class Thumb {
     this.#say(content, excluded);
   }
 
-  // Drawing takes much longer than finding out that nothing is to be drawn.
+  /**
+   * Drawing takes much longer than finding out that nothing is to be drawn.
+   * @param {(?ShownCell)[]} cells @param {?number} cursor
+   */
   #drawOnce(cells, cursor) {
     const drawn = JSON.stringify([setting("tint"), this.size, cursor, cells]);
     if (drawn === this.drawn) return;
@@ -102,9 +128,10 @@ export class Thumb {
     const scale = Math.min(2, window.devicePixelRatio || 1);
     this.canvas.width = Math.round(width * scale);
     this.canvas.height = Math.round(height * scale);
-    const ctx = this.canvas.getContext("2d");
+    const ctx = contextOf(this.canvas);
     ctx.scale(scale, scale);
     const patch = patchSize(width, height);
+    /** @param {number} index */
     const boxOf = (index) => {
       const [row, col] = rowCol(index);
       return { x: col * patch.width, y: row * patch.height, ...patch };
@@ -113,6 +140,7 @@ export class Thumb {
     drawCursor({ ctx, boxOf }, cursor, []);
   }
 
+  /** @param {?Content} content @param {boolean} excluded */
   #say(content, excluded) {
     const state = STATES[stateOf(this.camera, this.frame)]?.words ?? "";
     const shown = excluded ? "left out" : content ? content.fault || state : "loading";
@@ -128,7 +156,9 @@ export class Thumb {
   }
 }
 
+/** @param {Content} content @param {?Map<number, string>} painted */
 function shownCells({ mine, hints }, painted) {
-  const labelOf = (cell) => (painted?.has(cell) ? painted.get(cell) : mine[cell]);
+  /** @param {number} cell */
+  const labelOf = (cell) => painted?.get(cell) ?? mine[cell];
   return mine.map((_, cell) => shownCell(labelOf(cell), hints[cell]));
 }

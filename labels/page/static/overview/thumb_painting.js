@@ -6,13 +6,22 @@ import { cellsBetween } from "../core/patch_grid.js";
 const STEP = 4; // CSS pixels between two looks at what a stroke passes
 
 /**
+ * @import { Point } from "../core/patch_grid.js"
+ * @import { Thumb } from "./thumb.js"
+ *
+ * @typedef {Map<Thumb, Set<number>>} Cells
+ *
+ * `thumbAt`: the thumbnail whose picture is there; `allThumbs`: those that a stroke with Ctrl
+ * paints; `onStroke`: show what is being painted, null: nothing any more; `onPainted`: it is done,
+ * `own`: the cells that the pointer itself passed.
+ * @typedef {{thumbAt: (x: number, y: number) => ?Thumb, allThumbs: (start: Thumb) => Thumb[],
+ *   onStroke: (stroke: ?Cells, button: number) => void,
+ *   onPainted: (stroke: Cells, button: number, own: Cells) => void}} StrokeHost
+ */
+
+/**
  * Let strokes be painted over the thumbnails in an element.
- * @param {(x: number, y: number) => ?Thumb} host.thumbAt the thumbnail whose picture is there
- * @param {(start: Thumb) => Thumb[]} host.allThumbs those that a stroke with Ctrl paints
- * @param {(stroke: ?Map<Thumb, Set<number>>, button: number) => void} host.onStroke show what
- *   is being painted; null: nothing any more
- * @param {(stroke: Map<Thumb, Set<number>>, button: number, own: Map<Thumb, Set<number>>) => void}
- *   host.onPainted it is done; `own`: the cells that the pointer itself passed
+ * @param {HTMLElement} element @param {StrokeHost} host
  */
 export function paintOver(element, host) {
   element.addEventListener("contextmenu", (event) => event.preventDefault());
@@ -25,11 +34,16 @@ export function paintOver(element, host) {
 }
 
 class Stroke {
+  /** @param {PointerEvent} event @param {Thumb} thumb @param {StrokeHost} host */
   constructor(event, thumb, host) {
-    Object.assign(this, { thumb, host, button: event.button });
+    this.thumb = thumb;
+    this.host = host;
+    this.button = event.button;
     this.last = { x: event.clientX, y: event.clientY };
     this.first = thumb.cellAt(this.last.x, this.last.y);
+    /** @type {Cells} */
     this.cells = new Map();
+    this.painted = this.cells;
     this.stop = new AbortController();
     this.#add(event);
   }
@@ -43,12 +57,14 @@ class Stroke {
     window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
   }
 
+  /** @param {KeyboardEvent} event */
   #key(event) {
     if (event.key !== "Escape") return;
     event.stopPropagation();
     this.#end(false);
   }
 
+  /** @param {PointerEvent} event */
   #add(event) {
     const to = { x: event.clientX, y: event.clientY };
     if (event.shiftKey) this.#rectangle(to);
@@ -58,6 +74,7 @@ class Stroke {
     this.host.onStroke(this.painted, this.button);
   }
 
+  /** @param {Point} to */
   #line(to) {
     const length = Math.hypot(to.x - this.last.x, to.y - this.last.y);
     const steps = Math.max(1, Math.ceil(length / STEP));
@@ -66,18 +83,21 @@ class Stroke {
       const y = this.last.y + ((to.y - this.last.y) * step) / steps;
       const thumb = this.host.thumbAt(x, y);
       const cell = thumb ? thumb.cellAt(x, y) : -1;
-      if (cell >= 0) this.#of(thumb).add(cell);
+      if (thumb && cell >= 0) this.#of(thumb).add(cell);
     }
   }
 
+  /** @param {Point} to */
   #rectangle(to) {
     const last = this.thumb.cellAt(to.x, to.y);
     if (last >= 0) this.cells = new Map([[this.thumb, new Set(cellsBetween(this.first, last))]]);
   }
 
+  /** @param {Thumb} thumb */
   #of(thumb) {
-    if (!this.cells.has(thumb)) this.cells.set(thumb, new Set());
-    return this.cells.get(thumb);
+    const cells = this.cells.get(thumb) ?? new Set();
+    this.cells.set(thumb, cells);
+    return cells;
   }
 
   #everywhere() {
@@ -85,6 +105,7 @@ class Stroke {
     return new Map(this.host.allThumbs(this.thumb).map((thumb) => [thumb, cells]));
   }
 
+  /** @param {boolean} done */
   #end(done) {
     this.stop.abort();
     this.host.onStroke(null, this.button);

@@ -8,34 +8,52 @@ import { mission, onChange, onReload, who } from "../core/mission.js";
 const MAX_A_REQUEST = 60;
 const KEPT = 400;
 
-// frame key -> {event, camera, frame, mine, models, others, settled, notes, suggestions}; least
-// recently used first.
-const truths = new Map();
-// frame key -> the event up to which it must be read again
-const stale = new Map();
-const loading = new Map();
-let wanted = new Map();
-let generation = 0;
+/**
+ * @import { ActionAnswer, FrameLabels, Patch, Place } from "../core/messages.js"
+ * @import { Signal } from "../core/dom.js"
+ * @import { Change, Entry } from "./outbox.js"
+ */
+
+/**
+ * `pending`: cells that the server has not acknowledged.
+ * @typedef {FrameLabels & {pending: Set<number>}} ShownLabels
+ * @typedef {{frames: number[]} & PromiseWithResolvers<unknown>} Batch
+ */
+
+/** What is known of frames, each by its key. */
+const known = {
+  /** @type {Map<string, FrameLabels & {event: number}>} Least recently used first. */
+  truths: new Map(),
+  /** @type {Map<string, number>} The event up to which a frame must be read again. */
+  stale: new Map(),
+  /** @type {Map<string, Promise<unknown>>} */
+  loading: new Map(),
+  /** @type {Map<string, Batch>} By camera: what is asked for at the end of this turn. */
+  wanted: new Map(),
+  generation: 0,
+  modelDone: 0,
+};
 
 /**
  * Be told of frames whose labels changed: `onLabels((camera, frame) => ...)` returns what stops it;
  * and tell it: `labelsChanged(camera, frame)`. Nulls: all frames.
+ * @type {Signal<[camera: ?string, frame: ?number]>}
  */
 export const [onLabels, labelsChanged] = signal();
 
 /**
- * The labels of a frame as they shall be shown.
- * @returns {?{mine: (?string)[], models: Object, others: Object, settled: (?string)[],
- *   notes: Object[], suggestions: ?Object, pending: Set<number>}} Null while they are not loaded;
- *   `pending`: cells that the server has not acknowledged.
+ * The labels of a frame as they shall be shown; null while they are not loaded.
+ * @param {string} camera @param {number} frame
+ * @returns {?ShownLabels}
  */
 export function labelsOf(camera, frame) {
   const key = frameKey(camera, frame);
-  const truth = truths.get(key);
+  const truth = known.truths.get(key);
   if (!truth) return null;
-  truths.delete(key);
-  truths.set(key, truth);
+  known.truths.delete(key);
+  known.truths.set(key, truth);
   const waits = waitingFor(camera, frame);
+  /** @type {ShownLabels} */
   const shown = { ...truth, pending: new Set() };
   if (!waits.length) return shown;
   Object.assign(shown, copied(truth));
@@ -49,11 +67,15 @@ export function labelsOf(camera, frame) {
   return shown;
 }
 
-// What `applyChange` may change of labels.
+/** What `applyChange` may change of labels. @param {FrameLabels} labels */
 function copied({ mine, settled, models }) {
   return { mine: [...mine], settled: [...settled], models: { ...models } };
 }
 
+/**
+ * @param {Pick<FrameLabels, "mine" | "settled" | "models">} labels @param {Entry} entry
+ * @param {Change} change @param {(cell: number) => boolean} holds
+ */
 function applyChange(labels, entry, change, holds) {
   if (entry.who !== who()) return;
   for (const cell of change.cells) {
@@ -68,36 +90,43 @@ function applyChange(labels, entry, change, holds) {
   }
 }
 
-/** Load the labels of frames that are not there yet; done when they are (or could not be had). */
+/**
+ * Load the labels of frames that are not there yet; done when they are (or could not be had).
+ * @param {string} camera @param {number[]} frames
+ */
 export function prefetch(camera, frames) {
   const waits = frames.map((frame) => {
     const key = frameKey(camera, frame);
-    if (truths.has(key) && !stale.has(key)) return null;
-    return loading.get(key) ?? want(key, camera, frame);
+    if (known.truths.has(key) && !known.stale.has(key)) return null;
+    return known.loading.get(key) ?? want(key, camera, frame);
   });
   return Promise.all(waits);
 }
 
-/** Load the labels of the frames in which patches lie. */
+/** Load the labels of the frames in which patches lie. @param {Place[]} patches */
 export function prefetchOf(patches) {
   for (const [camera, some] of Map.groupBy(patches, (patch) => patch.camera)) {
     prefetch(camera, [...new Set(some.map((patch) => patch.frame))]);
   }
 }
 
-// Frames asked for in one turn of the event loop travel in one request.
+/**
+ * Frames asked for in one turn of the event loop travel in one request.
+ * @param {string} key @param {string} camera @param {number} frame @returns {Promise<unknown>}
+ */
 function want(key, camera, frame) {
-  if (!wanted.size) queueMicrotask(fetchWanted);
-  const batch = wanted.get(camera) ?? { frames: [], ...Promise.withResolvers() };
+  if (!known.wanted.size) queueMicrotask(fetchWanted);
+  /** @type {Batch} */
+  const batch = known.wanted.get(camera) ?? { frames: [], ...Promise.withResolvers() };
   batch.frames.push(frame);
-  wanted.set(camera, batch);
-  loading.set(key, batch.promise);
+  known.wanted.set(camera, batch);
+  known.loading.set(key, batch.promise);
   return batch.promise;
 }
 
 function fetchWanted() {
-  const batches = wanted;
-  wanted = new Map();
+  const batches = known.wanted;
+  known.wanted = new Map();
   for (const [camera, batch] of batches) {
     const parts = [];
     while (batch.frames.length) {
@@ -107,8 +136,9 @@ function fetchWanted() {
   }
 }
 
+/** @param {string} camera @param {number[]} frames */
 async function fetchFrames(camera, frames) {
-  const asked = generation;
+  const asked = known.generation;
   const request = get("/api/labels", {
     camera,
     frames: frames.join(","),
@@ -116,42 +146,49 @@ async function fetchFrames(camera, frames) {
     suggest: mission.model && !mission.blind ? 1 : null,
   });
   // Before they are taken in: one that is out of date already is asked for again.
-  const forget = () => frames.forEach((frame) => loading.delete(frameKey(camera, frame)));
+  const forget = () => frames.forEach((frame) => known.loading.delete(frameKey(camera, frame)));
   // Not loaded: the frame says so, and it is asked for again when the server is back.
   const answer = await request.catch(onFailure()).finally(forget);
-  if (!answer || asked !== generation) return;
+  if (!answer || asked !== known.generation) return;
   for (const labels of answer.frames) takeTruth(answer.event, labels);
 }
 
+/** @param {number} event @param {FrameLabels} labels */
 function takeTruth(event, labels) {
   const { camera, frame } = labels;
   const key = frameKey(camera, frame);
-  const known = truths.get(key);
-  const needed = Math.max(known?.event ?? 0, stale.get(key) ?? 0);
+  const truth = known.truths.get(key);
+  const needed = Math.max(truth?.event ?? 0, known.stale.get(key) ?? 0);
   if (needed > event) {
     // Read before our last action, or what we heard of, was written: ask again.
     labelsAreStale([[camera, frame]], needed);
     return;
   }
-  truths.delete(key);
-  truths.set(key, { ...labels, event });
-  stale.delete(key);
-  while (truths.size > KEPT) truths.delete(truths.keys().next().value);
+  known.truths.delete(key);
+  known.truths.set(key, { ...labels, event });
+  known.stale.delete(key);
+  for (const oldest of known.truths.keys()) {
+    if (known.truths.size <= KEPT) break;
+    known.truths.delete(oldest);
+  }
   labelsChanged(camera, frame);
 }
 
-/** Take an acknowledged action into what the server said. */
+/**
+ * Take an acknowledged action into what the server said.
+ * @param {Entry} entry @param {ActionAnswer} answer
+ */
 export function acknowledge(entry, answer) {
   const refused = new Map(
     (answer.conflicts ?? []).map((c) => [`${frameKey(c.camera, c.frame)}/${c.cell}`, c.theirs]),
   );
   for (const change of entry.changes) {
     const key = frameKey(change.camera, change.frame);
-    const truth = truths.get(key);
+    const truth = known.truths.get(key);
     if (!truth) continue;
     const next = { ...truth, ...copied(truth), event: Math.max(truth.event, answer.event) };
     applyChange(next, entry, change, (cell) => !refused.has(`${key}/${cell}`));
-    truths.set(key, next);
+    known.truths.set(key, next);
   }
   // Written by an earlier try: somebody may have said more since.
   const reread = refused.size || answer.repeated ? framesOf(entry) : [];
@@ -162,13 +199,14 @@ export function acknowledge(entry, answer) {
 /**
  * Ask anew for frames, [camera, frame], that somebody else changed; those not in memory are asked
  * for when shown. Answers from before `event` do not do.
+ * @param {[camera: string, frame: number][]} frames @param {number} [event]
  */
 export function labelsAreStale(frames, event = 0) {
   const here = frames.filter(([camera, frame]) => {
     const key = frameKey(camera, frame);
     // What is on its way may have been read before.
-    if (!truths.has(key) && !loading.has(key)) return false;
-    stale.set(key, Math.max(event, stale.get(key) ?? 0));
+    if (!known.truths.has(key) && !known.loading.has(key)) return false;
+    known.stale.set(key, Math.max(event, known.stale.get(key) ?? 0));
     return true;
   });
   prefetchOf(here.map(([camera, frame]) => ({ camera, frame })));
@@ -176,31 +214,30 @@ export function labelsAreStale(frames, event = 0) {
 
 // Another person works here: nothing that was read is for their eyes or counts for them.
 function forgetLabels() {
-  generation += 1;
-  truths.clear();
-  stale.clear();
-  loading.clear();
-  wanted = new Map();
+  known.generation += 1;
+  known.truths.clear();
+  known.stale.clear();
+  known.loading.clear();
+  known.wanted = new Map();
   labelsChanged(null, null);
 }
 
 onReload(forgetLabels);
 
-let modelDone = 0;
 onChange((what) => {
   // The server was away: what happened meanwhile is not known, and its events may count anew.
   if (what === "all") {
-    stale.clear();
-    for (const [key, truth] of truths) {
+    known.stale.clear();
+    for (const [key, truth] of known.truths) {
       truth.event = 0;
-      stale.set(key, 0);
+      known.stale.set(key, 0);
     }
   }
   // Suggestions that were not there when a frame was read are there at the end.
   const done = mission.model?.done ?? 0;
-  if (what === "status" && done !== modelDone && done === mission.model?.total) {
-    const without = [...truths.values()].filter(({ suggestions }) => !suggestions);
+  if (what === "status" && done !== known.modelDone && done === mission.model?.total) {
+    const without = [...known.truths.values()].filter(({ suggestions }) => !suggestions);
     labelsAreStale(without.map(({ camera, frame }) => [camera, frame]));
   }
-  modelDone = done;
+  known.modelDone = done;
 });

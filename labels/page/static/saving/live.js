@@ -2,7 +2,9 @@
 
 import { address, onFailure } from "../core/api.js";
 import { labelsAreStale } from "./labels.js";
-import { beginAnew, loadMission, mission, onReload, strangerWords, takeNews } from "../core/mission.js";
+import {
+  beginAnew, loadMission, mission, onReload, strangerWords, takeNews,
+} from "../core/mission.js";
 import { allOwn, noteStranger, setConnected, takeEventHeads, whenIdle } from "./saver.js";
 
 const RETRY_MS = [200, 400, 800, 1500];
@@ -10,21 +12,26 @@ const RETRY_MS = [200, 400, 800, 1500];
 const HIDDEN_MS = 5000;
 const ANSWER_MS = 300;
 
-let source = null;
-let tries = 0;
-let timer = 0;
-let opened = false;
+/** @import { ChangeEvent, MissionAnswer, StatusEvent } from "../core/messages.js" */
+
+const live = {
+  /** @type {?EventSource} */
+  source: null,
+  tries: 0,
+  timer: 0,
+  opened: false,
+};
 
 /** Begin to listen. The mission must be loaded. */
 export function startListening() {
   open();
   onReload(() => close());
   document.addEventListener("visibilitychange", () => {
-    clearTimeout(timer);
-    if (document.hidden) timer = setTimeout(close, HIDDEN_MS);
-    else if (!source) open();
+    clearTimeout(live.timer);
+    if (document.hidden) live.timer = setTimeout(close, HIDDEN_MS);
+    else if (!live.source) open();
   });
-  window.addEventListener("online", () => source || open());
+  window.addEventListener("online", () => live.source || open());
 }
 
 /** Listen anew, as the person who works here now. */
@@ -34,49 +41,53 @@ export function listenAnew() {
 }
 
 function close() {
-  clearTimeout(timer);
-  source?.close();
-  source = null;
+  clearTimeout(live.timer);
+  live.source?.close();
+  live.source = null;
 }
 
 function open() {
   close();
-  source = new EventSource(address("/api/events", { since: mission.event }));
+  const source = new EventSource(address("/api/events", { since: mission.event }));
   source.addEventListener("open", heard);
   source.addEventListener("change", (event) => takeChange(JSON.parse(event.data)));
   source.addEventListener("status", (event) => takeStatus(JSON.parse(event.data)));
   source.addEventListener("error", broken);
+  live.source = source;
 }
 
 function heard() {
-  tries = 0;
+  live.tries = 0;
   setConnected(true);
   // After a break the server may be another one: classes, model and faults may be new.
+  /** @param {MissionAnswer} answer */
   const take = (answer) => noteStranger(strangerWords(answer));
   // Where it is gone again already, the next event tells.
-  if (opened) loadMission().then(take).catch(onFailure());
-  opened = true;
+  if (live.opened) loadMission().then(take).catch(onFailure());
+  live.opened = true;
 }
 
 function broken() {
   close();
   setConnected(false);
-  timer = setTimeout(open, RETRY_MS[Math.min(tries, RETRY_MS.length - 1)]);
-  tries += 1;
+  live.timer = setTimeout(open, RETRY_MS[Math.min(live.tries, RETRY_MS.length - 1)]);
+  live.tries += 1;
 }
 
+/** @param {StatusEvent} news */
 function takeStatus(news) {
   if (news.blind === mission.blind) return void takeNews(news);
   // This person began or ended to label blind, in another tab or on another computer.
   beginAnew(news.blind).catch(onFailure()).finally(listenAnew);
 }
 
+/** @param {ChangeEvent} news */
 async function takeChange(news) {
   // It may be about an action of ours whose answer comes in a moment.
-  const from = source;
+  const from = live.source;
   await Promise.race([whenIdle(), new Promise((resolve) => setTimeout(resolve, ANSWER_MS))]);
   // Heard for a person who does not work here any more, or to be heard again after a break.
-  if (source !== from) return;
+  if (live.source !== from) return;
   // Put together before our last action was answered: what undo acts on is older than we know.
   if (!(news.event < mission.event)) takeEventHeads(news);
   takeNews(news);

@@ -1,6 +1,6 @@
 // The list of what was not written: conflicts to decide, refused actions, others' leftovers.
 
-import { button, el, focusView, say } from "../core/dom.js";
+import { button, byId, el, focusView, say } from "../core/dom.js";
 import { go } from "../core/router.js";
 import { onChange } from "../core/mission.js";
 import { cellName } from "../core/patch_grid.js";
@@ -11,6 +11,10 @@ import {
 
 const MAX_SHOWN = 30;
 
+/** @import { Entry, NotedConflict } from "./outbox.js" */
+
+const list = { shown: "", counted: 0 }; // what it says, and of how many actions
+
 /** Show in the header that there is something in the list; it opens over the view. */
 export function startNotices() {
   document.addEventListener("keydown", closeByKey, { capture: true });
@@ -20,24 +24,20 @@ export function startNotices() {
   show();
 }
 
-let shown = "";
-let counted = 0;
-
 function show() {
   const { conflicts, aside, foreign } = unwritten();
-  const lists = [conflicts, aside, foreign];
-  const items = [
+    const items = [
     ...(trouble() ? [el("li", { text: trouble() })] : []),
     ...(conflicts.length > 1 ? [allConflictsItem(conflicts)] : []),
     ...someOf(conflicts, conflictItem, "conflicts"),
     ...someOf(aside, refusedItem, "refused actions"),
     ...foreignItems(foreign),
   ];
-  const words = headline(...lists.map(({ length }) => length));
+  const words = headline(conflicts.length, aside.length, foreign.length);
   const text = [words, ...items.map((item) => item.textContent)].join("\n");
-  if (text === shown) return;
-  shown = text;
-  const box = document.getElementById("notices");
+  if (text === list.shown) return;
+  list.shown = text;
+  const box = byId("notices");
   const focused = box.contains(document.activeElement);
   const open = Boolean(words && openList());
   const title = "show what was not saved (Escape closes the list)";
@@ -45,26 +45,32 @@ function show() {
     el("details", { open }, el("summary", { text: words, title }), el("ul", {}, ...items)),
   );
   box.hidden = !words;
-  if (focused && words) box.querySelector("summary").focus();
+  if (focused && words) box.querySelector("summary")?.focus();
   else if (focused) focusView();
   // Said once, when it comes; the header shows it as long as it lasts.
   const count = conflicts.length + aside.length;
-  if (count > counted) say(`${words}: see the list in the header.`, { bad: true, stays: true });
-  counted = count;
+  if (count > list.counted) {
+    say(`${words}: see the list in the header.`, { bad: true, stays: true });
+  }
+  list.counted = count;
 }
 
 function openList() {
-  return document.querySelector("#notices details[open]");
+  const found = byId("notices").querySelector("details");
+  return found?.open ? found : null;
 }
 
+/** @param {KeyboardEvent} event */
 function closeByKey(event) {
-  if (event.key !== "Escape" || !openList() || document.querySelector("dialog[open]")) return;
+  const open = openList();
+  if (event.key !== "Escape" || !open || document.querySelector("dialog[open]")) return;
   event.preventDefault();
   event.stopPropagation();
-  openList().open = false;
+  open.open = false;
   focusView();
 }
 
+/** @param {number} conflicts @param {number} refused @param {number} foreign */
 function headline(conflicts, refused, foreign) {
   const parts = [];
   if (trouble()) parts.push("Your work waits in this browser");
@@ -74,6 +80,10 @@ function headline(conflicts, refused, foreign) {
   return parts.join(" · ");
 }
 
+/**
+ * @template T
+ * @param {T[]} list @param {(one: T) => HTMLElement} itemOf @param {string} what
+ */
 function someOf(list, itemOf, what) {
   const items = list.slice(0, MAX_SHOWN).map(itemOf);
   const more = list.length - items.length;
@@ -89,11 +99,15 @@ function trouble() {
   return `${start}: ${stateReason()}; ${kept}.`;
 }
 
+/** @param {?string} label */
 function said(label) {
   return label === null ? "no label" : `“${label}”`;
 }
 
-// One action, which one undo takes back: settlements are another one than labels.
+/**
+ * One action, which one undo takes back: settlements are another one than labels.
+ * @param {NotedConflict[]} conflicts
+ */
 function useMine(conflicts) {
   for (const [source, some] of Map.groupBy(conflicts, (one) => one.source)) {
     const patches = some.map((one) => ({ ...one, label: one.yours, base: one.theirs }));
@@ -101,6 +115,7 @@ function useMine(conflicts) {
   }
 }
 
+/** @param {NotedConflict[]} conflicts */
 function allConflictsItem(conflicts) {
   const count = conflicts.length;
   return el("li", {},
@@ -110,6 +125,7 @@ function allConflictsItem(conflicts) {
   );
 }
 
+/** @param {NotedConflict} conflict */
 function conflictItem(conflict) {
   const { camera, frame, cell, theirs, yours } = conflict;
   const where = `${cellName(cell)} of ${camera} frame ${frame}`;
@@ -122,12 +138,14 @@ function conflictItem(conflict) {
   );
 }
 
+/** @param {Entry} entry */
 function describe({ kind, changes }) {
   const count = changes.reduce((sum, { cells }) => sum + cells.length, 0);
   const where = changes.length ? ` on ${changes[0].camera} frame ${changes[0].frame}` : "";
   return `${kind} (${count} ${count === 1 ? "patch" : "patches"}${where})`;
 }
 
+/** @param {Entry} entry */
 function refusedItem(entry) {
   return el("li", { class: "bad" },
     `The server refused ${describe(entry)}: ${entry.refusal} `,
@@ -137,6 +155,7 @@ function refusedItem(entry) {
   );
 }
 
+/** @param {Entry[]} foreign */
 function foreignItems(foreign) {
   const groups = Map.groupBy(foreign, ({ who, mission }) => `${who} on mission ${mission}`);
   return [...groups].map(([name, entries]) =>
@@ -148,6 +167,7 @@ function foreignItems(foreign) {
   );
 }
 
+/** @param {Entry[]} entries */
 function saveFile(entries) {
   const text = JSON.stringify(entries, null, 1);
   const url = URL.createObjectURL(new Blob([text], { type: "application/json" }));

@@ -18,20 +18,26 @@ const BEAT_MS = 5000;
 const SILENT_MS = 150000;
 
 /**
+ * @import { Grid, Patch, Refused } from "../core/messages.js"
+ * @import { Signal } from "../core/dom.js"
+ */
+
+/**
  * An action of the page: what is kept in the browser and sent.
  * @typedef {Object} Entry
  * @property {string} key      Unique; the server counts it once.
- * @property {string} path     /api/actions, /api/undo or /api/redo.
+ * @property {"/api/actions" | "/api/undo" | "/api/redo"} path
  * @property {string} who
  * @property {boolean} blind
  * @property {string} mission
- * @property {Object} grid     As the server names it.
+ * @property {Grid} grid       As the server names it.
  * @property {string} kind     What the person did, for messages.
  * @property {string} source   "human" or "settled".
  * @property {string} time     UTC.
  * @property {?string} target  Key of the action that an undo or redo is meant for.
  * @property {Change[]} changes  Of an undo: the opposite ones, where this page knows them.
  * @property {?string} refusal Why the server refused it; null while it waits.
+ * @property {?string} [stored] Its name in the storage.
  */
 
 /**
@@ -44,48 +50,84 @@ const SILENT_MS = 150000;
  * @property {(?string)[]} base  What the page believed each cell's label was.
  */
 
-/** @type {Entry[]} */
-let queue = [];
-const byFrame = new Map();
+/**
+ * A patch that was not written, with what there is now and what the page said.
+ * @typedef {Refused & {who: string, mission: string, source: string, stored: string,
+ *   kept?: boolean}} NotedConflict
+ */
 
-/** The key of a frame in maps. */
+const outbox = {
+  /** @type {Entry[]} */
+  queue: [],
+  /** @type {Map<string, Entry[]>} The same by the frames that they change. */
+  byFrame: new Map(),
+  page: uniqueKey(),
+  count: 0, // of entries kept so far
+};
+
+/** What was not written. */
+const refused = {
+  /** @type {Entry[]} That the server refused, each with its `refusal`. */
+  aside: [],
+  /** @type {Entry[]} In this browser that are another mission's or another person's. */
+  foreign: [],
+  /** @type {NotedConflict[]} To decide. */
+  conflicts: [],
+};
+
+/** The key of a frame in maps. @param {string} camera @param {number} frame */
 export function frameKey(camera, frame) {
   return `${camera}/${frame}`;
 }
 
-/** All entries that wait, first to be sent first. */
+/** All entries that wait, first to be sent first. @returns {Entry[]} */
 export function waiting() {
-  return queue;
+  return outbox.queue;
 }
 
-/** Add an entry at the end, or before all others. */
+/**
+ * Add an entry at the end, or before all others.
+ * @param {Entry} entry @param {{first?: boolean}} [options]
+ */
 export function enqueue(entry, { first = false } = {}) {
+  /** @param {Entry[]} list */
   const add = (list) => (first ? [entry, ...list] : [...list, entry]);
-  queue = add(queue);
-  for (const key of touched(entry)) byFrame.set(key, add(byFrame.get(key) ?? []));
+  outbox.queue = add(outbox.queue);
+  for (const key of touched(entry)) outbox.byFrame.set(key, add(outbox.byFrame.get(key) ?? []));
 }
 
-/** Take an entry out. */
+/** Take an entry out. @param {Entry} entry */
 export function dequeue(entry) {
-  queue = queue.filter((other) => other !== entry);
+  outbox.queue = outbox.queue.filter((other) => other !== entry);
   for (const key of touched(entry)) {
-    const rest = (byFrame.get(key) ?? []).filter((other) => other !== entry);
-    if (rest.length) byFrame.set(key, rest);
-    else byFrame.delete(key);
+    const rest = (outbox.byFrame.get(key) ?? []).filter((other) => other !== entry);
+    if (rest.length) outbox.byFrame.set(key, rest);
+    else outbox.byFrame.delete(key);
   }
 }
 
-/** The waiting entries that change a frame. */
+/**
+ * The waiting entries that change a frame.
+ * @param {string} camera @param {number} frame @returns {Entry[]}
+ */
 export function waitingFor(camera, frame) {
-  return byFrame.get(frameKey(camera, frame)) ?? [];
+  return outbox.byFrame.get(frameKey(camera, frame)) ?? [];
 }
 
-/** The frames that an entry changes, [camera, frame], each once. */
+/**
+ * The frames that an entry changes, [camera, frame], each once.
+ * @param {Entry} entry @returns {[camera: string, frame: number][]}
+ */
 export function framesOf(entry) {
-  const all = entry.changes.map(({ camera, frame }) => [frameKey(camera, frame), [camera, frame]]);
-  return [...new Map(all).values()];
+  /** @type {Map<string, [camera: string, frame: number]>} */
+  const found = new Map();
+  for (const { camera, frame } of entry.changes) {
+    found.set(frameKey(camera, frame), [camera, frame]);
+  }
+  return [...found.values()];
 }
 
+/** @param {Entry} entry */
 function touched(entry) {
   return framesOf(entry).map(([camera, frame]) => frameKey(camera, frame));
 }
@@ -96,40 +138,41 @@ export function uniqueKey() {
   return [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-const page = uniqueKey();
-let count = 0;
-
 /** Say that this page is there, as long as it is. */
 export function holdPage() {
   if (navigator.locks) {
-    navigator.locks.request(LOCK + page, () => new Promise(() => {}));
+    navigator.locks.request(LOCK + outbox.page, () => new Promise(() => {}));
     return;
   }
-  const beat = () => write(ALIVE + page, Date.now());
+  const beat = () => write(ALIVE + outbox.page, Date.now());
   beat();
   setInterval(beat, BEAT_MS);
 }
 
-/** Keep an entry, whose `stored` becomes its name in the storage; whether that worked. */
+/**
+ * Keep an entry, whose `stored` becomes its name in the storage; whether that worked.
+ * @param {Entry} entry
+ */
 export function keep(entry) {
-  entry.stored ??= `${PREFIX}${page}/${String(count++).padStart(9, "0")}`;
+  entry.stored ??= `${PREFIX}${outbox.page}/${String(outbox.count++).padStart(9, "0")}`;
   return write(entry.stored, entry);
 }
 
-/** Forget an entry. */
+/** Forget an entry. @param {Entry} entry */
 export function forget(entry) {
   if (entry.stored) remove(entry.stored);
 }
 
-/** Whether an entry is still there: nobody sent it or threw it away. */
+/** Whether an entry is still there: nobody sent it or threw it away. @param {Entry} entry */
 export function isKept(entry) {
-  return read(entry.stored) !== null;
+  return read(entry.stored ?? "") !== null;
 }
 
 /** The entries that pages left which are gone, in the order in which they were made. */
 export async function leftovers() {
   const pages = new Set(names(PREFIX).map((name) => name.slice(PREFIX.length).split("/")[0]));
-  pages.delete(page);
+  pages.delete(outbox.page);
+  /** @type {Entry[]} */
   const found = [];
   for (const other of pages) {
     if (!(await isGone(other))) continue;
@@ -142,6 +185,7 @@ export async function leftovers() {
   return found.sort((a, b) => a.time.localeCompare(b.time));
 }
 
+/** @param {string} other */
 async function isGone(other) {
   if (navigator.locks) {
     return navigator.locks.request(LOCK + other, { ifAvailable: true }, (lock) => lock !== null);
@@ -154,87 +198,89 @@ async function isGone(other) {
 
 // ---- What was not written
 
-const aside = [];
-let foreign = [];
-let conflicts = [];
+/** @type {Signal<[]>} Be told that one of the lists changed. */
+export const [onRefused, refusedChanged] = signal();
 
-/** Be told that one of the lists changed. */
-const [onRefused, refusedChanged] = signal();
-export { onRefused };
-
-/**
- * What was not written: `aside`, entries that the server refused, each with its `refusal`;
- * `foreign`, entries in this browser that are another mission's or another person's; `conflicts`
- * {stored, camera, frame, cell, theirs, yours, source}, to decide.
- */
+/** The lists of what was not written. */
 export function unwritten() {
-  return { aside, foreign, conflicts };
+  return refused;
 }
 
-/** Set an entry aside that the server will never take, and why, in its words. */
+/**
+ * Set an entry refused.aside that the server will never take, and why, in its words.
+ * @param {Entry} entry @param {?string} refusal
+ */
 export function setAside(entry, refusal) {
   entry.refusal = refusal;
   if (entry.stored) keep(entry);
-  aside.push(entry);
+  refused.aside.push(entry);
   refusedChanged();
 }
 
-/** Take a refused entry out of the list, to send it again. */
+/** Take a refused entry out of the list, to send it again. @param {Entry} entry */
 export function takeBack(entry) {
-  aside.splice(aside.indexOf(entry), 1);
+  refused.aside.splice(refused.aside.indexOf(entry), 1);
   refusedChanged();
 }
 
-/** Throw a refused entry away; only when a person says so. */
+/** Throw a refused entry away; only when a person says so. @param {Entry} entry */
 export function discard(entry) {
   forget(entry);
   takeBack(entry);
 }
 
-/** Name the entries that are not this page's to send. */
+/** Name the entries that are not this page's to send. @param {Entry[]} entries */
 export function setForeign(entries) {
-  if (!entries.length && !foreign.length) return;
-  foreign = entries;
+  if (!entries.length && !refused.foreign.length) return;
+  refused.foreign = entries;
   refusedChanged();
 }
 
 /**
- * Note patches of an entry, {camera, frame, cell, theirs, yours} as the server names them, that
- * were not written because somebody said something else meanwhile.
+ * Note patches of an entry that were not written: somebody said something else meanwhile.
+ * @param {Entry} entry @param {Refused[]} refusedCells
  */
 export function noteConflicts(entry, refusedCells) {
   const { who, mission, source } = entry;
   for (const conflict of refusedCells) {
+    /** @type {NotedConflict} */
     const noted = { ...conflict, who, mission, source, stored: CONFLICT + uniqueKey() };
-    conflicts.filter((other) => isOfOnePatch(other, noted)).forEach(drop);
+    refused.conflicts.filter((other) => isOfOnePatch(other, noted)).forEach(drop);
     noted.kept = write(noted.stored, noted);
-    conflicts.push(noted);
+    refused.conflicts.push(noted);
   }
   refusedChanged();
 }
 
-// Of two things said of a patch and not written only the newer one is still meant.
+/**
+ * Of two things said of a patch and not written only the newer one is still meant.
+ * @param {NotedConflict} one @param {NotedConflict} other
+ */
 function isOfOnePatch(one, other) {
-  const parts = ["camera", "frame", "cell", "who", "mission", "source"];
+  const parts = /** @type {const} */ (["camera", "frame", "cell", "who", "mission", "source"]);
   return parts.every((part) => one[part] === other[part]);
 }
 
-/** Forget conflicts that were decided. */
+/** Forget refused.conflicts that were decided. @param {NotedConflict[]} decided */
 export function closeConflicts(decided) {
   decided.forEach(drop);
   refusedChanged();
 }
 
+/** @param {NotedConflict} conflict */
 function drop(conflict) {
   remove(conflict.stored);
-  conflicts = conflicts.filter((other) => other !== conflict);
+  refused.conflicts = refused.conflicts.filter((other) => other !== conflict);
 }
 
-/** Read the conflicts that this person left open. */
+/**
+ * Read the refused.conflicts that this person left open.
+ * @param {string} mission @param {string} who
+ */
 export function readConflicts(mission, who) {
   const kept = names(CONFLICT).map((name) => ({ ...read(name), kept: true }));
   // Those that the browser could not keep are only here.
-  conflicts = [...conflicts.filter((noted) => !noted.kept), ...kept].filter(
+  refused.conflicts = [...refused.conflicts.filter((noted) => !noted.kept), ...kept].filter(
     (noted) => noted.mission === mission && noted.who === who,
   );
   refusedChanged();

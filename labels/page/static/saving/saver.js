@@ -23,35 +23,72 @@ const KEPT_RANGES = 500;
 export const CONFIRM = "confirm";
 const HOLD_MS = 600; // longer than the second click of a double click takes
 
-const idleWaiters = [];
-let running = false;
-let connected = true;
-let trouble = null; // {state: "offline"|"refused", text}
-let stranger = ""; // what the server shows instead of this page's mission
-let tries = 0;
-let retryTimer = 0;
-// The store's events that this page's own actions made: what they say is known here already.
-const ownEvents = [];
+/**
+ * @import { ActionAnswer, Head, Heads, News, Patch } from "../core/messages.js"
+ * @import { Signal } from "../core/dom.js"
+ * @import { Change, Entry } from "./outbox.js"
+ */
 
-/** Be told when `state()` or `pending()` may have changed; returns what stops it. */
-const [onState, stateChanged] = signal();
-export { onState };
+/** @typedef {"saved" | "saving" | "offline" | "refused"} SaveState */
+/** @typedef {Omit<Change, "model" | "base"> & {model?: ?string, base?: (?string)[]}} Wanted */
+
+const saver = {
+  /** @type {(() => void)[]} */
+  idleWaiters: [],
+  running: false,
+  connected: true,
+  /** @type {?{state: "offline" | "refused", text: string}} */
+  trouble: null,
+  stranger: "", // what the server shows instead of this page's mission
+  tries: 0,
+  retryTimer: 0,
+  /**
+   * The store's events that this page's own actions made: what they say is known here already.
+   * @type {{before: number, last: number}[]}
+   */
+  ownEvents: [],
+  /** @type {Set<string>} Keys of actions that may still be withdrawn. */
+  held: new Set(),
+  /** @type {Map<string, number>} When actions were done, by key. */
+  starts: new Map(),
+};
+
+/** The server's history, ahead of its acknowledgements: its ends, as this page knows them. */
+const history = {
+  /** @type {Head[]} */
+  undoable: [],
+  /** @type {Head[]} */
+  redoable: [],
+  /** @type {Map<string, {changes: Change[], source: string}>} Actions of this page by key. */
+  known: new Map(),
+  /** @type {Promise<?Head>} */
+  steps: Promise.resolve(null),
+};
+
+/** @type {Signal<[]>} Be told when `state()` or `pending()` may have changed. */
+export const [onState, stateChanged] = signal();
 
 /**
- * @returns {"saved"|"saving"|"offline"|"refused"} "saved" only when the server acknowledged all
- *   actions of this page and can take further ones.
+ * How it stands; "saved" only when the server acknowledged all actions of this page and can take
+ * further ones.
+ * @returns {SaveState}
  */
 export function state() {
-  if (trouble) return trouble.state;
-  if (!connected) return "offline";
-  if (stranger || mission.fault) return "refused";
+  if (saver.trouble) return saver.trouble.state;
+  if (!saver.connected) return "offline";
+  if (saver.stranger || mission.fault) return "refused";
   return waiting().length ? "saving" : "saved";
+}
+
+/** Whether actions cannot be sent in such a state. @param {SaveState | undefined} saved */
+export function isAway(saved) {
+  return saved === "offline" || saved === "refused";
 }
 
 /** Why the state is what it is, in one sentence; "" when all is well. */
 export function stateReason() {
-  if (trouble) return trouble.text;
-  return connected ? stranger || mission.fault || "" : "the server does not answer";
+  if (saver.trouble) return saver.trouble.text;
+  return saver.connected ? saver.stranger || mission.fault || "" : "the server does not answer";
 }
 
 /** How many actions wait for their acknowledgement. */
@@ -62,14 +99,15 @@ export function pending() {
 /** Wait until nothing waits any more. */
 export function whenIdle() {
   if (!waiting().length) return Promise.resolve();
-  return new Promise((resolve) => idleWaiters.push(resolve));
+  const { promise, resolve } = Promise.withResolvers();
+  saver.idleWaiters.push(() => resolve(undefined));
+  return promise;
 }
 
 /**
  * Do something to labels.
  * @param {string} kind What the person did, for messages.
- * @param {{camera: string, frame: number, label: ?string, model?: string, cells: number[],
- *   base?: (?string)[]}[]} changes Labels of the frames must be loaded where `base` is missing.
+ * @param {Wanted[]} changes Labels of the frames must be loaded where `base` is missing.
  * @param {{source?: string, hold?: boolean}} [options] `hold`: not sent for a moment, for
  *   `withdraw`. The kind "confirm" also says what holds already.
  * @returns {?string} The action's key; null if it would change nothing or could not be kept.
@@ -80,51 +118,56 @@ export function act(kind, changes, { source = "human", hold = false } = {}) {
   if (!filled.length) return null;
   const entry = newEntry({ path: "/api/actions", kind, source, changes: filled });
   if (hold) {
-    held.add(entry.key);
+    saver.held.add(entry.key);
     setTimeout(release, HOLD_MS, entry.key);
-  } else held.clear();
+  } else saver.held.clear();
   if (!take(entry)) return null;
   const [{ camera, frame }] = filled;
   const changed = filled.reduce((sum, change) => sum + change.cells.length, 0);
   const { length } = framesOf(entry);
-  undoable.push({ key: entry.key, kind, camera, frame, changed, frames: length });
-  redoable = [];
-  known.set(entry.key, { changes: filled, source });
+  history.undoable.push({ key: entry.key, kind, camera, frame, changed, frames: length });
+  history.redoable = [];
+  history.known.set(entry.key, { changes: filled, source });
   return entry.key;
 }
 
-const held = new Set(); // keys of actions that may still be withdrawn
-
+/** @param {string} key */
 function release(key) {
-  if (held.delete(key)) pump();
+  if (saver.held.delete(key)) pump();
 }
 
-/** Take an action back that was meant otherwise: as if it had never been, if not sent yet. */
+/**
+ * Take an action back that was meant otherwise: as if it had never been, if not sent yet.
+ * @param {string} key
+ */
 export function withdraw(key) {
   const entry = waiting().find((one) => one.key === key);
-  if (!entry || !held.delete(key)) {
-    if (undoable.at(-1)?.key === key) undo();
+  if (!entry || !saver.held.delete(key)) {
+    if (history.undoable.at(-1)?.key === key) undo();
     return;
   }
   forget(entry);
   dequeue(entry);
-  undoable = undoable.filter((head) => head.key !== key);
+  history.undoable = history.undoable.filter((head) => head.key !== key);
   showFrames(entry);
   pump();
   refreshHeads(); // what could be done again still can
 }
 
-/** "23 patches are", "1 patch is" */
+/** "23 patches are", "1 patch is" @param {number} count */
 export function patchesAre(count) {
   return count === 1 ? "1 patch is" : `${count.toLocaleString("en")} patches are`;
 }
 
 /**
- * @typedef {{camera: string, frame: number, cell: number, label: ?string, base: ?string,
- *   model?: ?string}} LabelledPatch A patch, the label it shall have, and the one it is shown with.
+ * A patch, the label it shall have, and the one it is shown with.
+ * @typedef {Patch & {label: ?string, base: ?string, model?: ?string}} LabelledPatch
  */
 
-/** `LabelledPatch`es as the changes that `act` takes: one for each frame and label. */
+/**
+ * `LabelledPatch`es as the changes that `act` takes: one for each frame and label.
+ * @param {LabelledPatch[]} patches
+ */
 export function changesOf(patches) {
   const groups = Map.groupBy(patches, ({ camera, frame, label, model }) =>
     JSON.stringify([camera, frame, label, model ?? null]),
@@ -136,7 +179,11 @@ export function changesOf(patches) {
   });
 }
 
-/** Give `LabelledPatch`es their labels, as one action that one undo takes back; how many change. */
+/**
+ * Give `LabelledPatch`es their labels, as one action that one undo takes back; how many change.
+ * @param {string} kind @param {LabelledPatch[]} patches
+ * @param {{source?: string, hold?: boolean}} [options]
+ */
 export function actOn(kind, patches, options = {}) {
   const again = kind === CONFIRM;
   const changing = patches.filter(({ label, base, model }) => again || model || label !== base);
@@ -144,17 +191,19 @@ export function actOn(kind, patches, options = {}) {
   return changing.length;
 }
 
+/** @param {Wanted} change @param {string} source @param {boolean} again @returns {Change} */
 function withBase(change, source, again) {
   const { camera, frame, label, model = null, cells } = change;
-  const labels = change.base ? null : labelsOf(camera, frame);
-  if (!change.base && !labels) throw new Error(`labels of ${camera} ${frame} are not loaded`);
   const field = source === "settled" ? "settled" : "mine";
-  const base = change.base ?? cells.map((cell) => labels[field][cell]);
-  const kept = cells.map((_, at) => at).filter((at) => again || base[at] !== label);
-  const [changed, were] = [cells, base].map((all) => kept.map((at) => all[at]));
+  const shown = change.base ? null : labelsOf(camera, frame);
+  if (!change.base && !shown) throw new Error(`labels of ${camera} ${frame} are not loaded`);
+  const base = change.base ?? cells.map((cell) => shown?.[field][cell] ?? null);
+  const kept = [...cells.keys()].filter((at) => again || base[at] !== label);
+  const [changed, were] = [kept.map((at) => cells[at]), kept.map((at) => base[at])];
   return { camera, frame, label, model, cells: changed, base: were };
 }
 
+/** @param {Pick<Entry, "path" | "kind" | "changes"> & Partial<Entry>} parts @returns {Entry} */
 function newEntry(parts) {
   return {
     key: uniqueKey(),
@@ -170,18 +219,21 @@ function newEntry(parts) {
   };
 }
 
-// Kept in the browser first, so that what is shown survives a crash of the page; then on its way,
-// before the page is busy with drawing.
+/**
+ * Kept in the browser first, so that what is shown survives a crash of the page; then on its way,
+ * before the page is busy with drawing.
+ * @param {Entry} entry
+ */
 function take(entry) {
   if (!keep(entry)) {
     entry.stored = null;
-    if (trouble || !connected) {
+    if (saver.trouble || !saver.connected) {
       say("Not done: the server is away and this browser cannot keep actions (its storage is " +
         "full or switched off).", { bad: true, stays: true });
       return false;
     }
   }
-  starts.set(entry.key, performance.now());
+  saver.starts.set(entry.key, performance.now());
   enqueue(entry);
   pump();
   showFrames(entry);
@@ -189,33 +241,26 @@ function take(entry) {
   return true;
 }
 
-const starts = new Map();
-
+/** @param {Entry} entry */
 function showFrames(entry) {
   for (const [camera, frame] of framesOf(entry)) labelsChanged(camera, frame);
 }
 
 // ---- Undo: the server's history, ahead of its acknowledgements
 
-// Heads {key, kind, camera, frame, changed, frames}; only the ends that this page knows, the
-// newest last.
-let undoable = [];
-let redoable = [];
-const known = new Map(); // key of an action of this page -> {changes, source}
-
-// Held against what the server says; only while nothing waits to be sent.
+/** Held against what the server says; only while nothing waits to be sent. @param {Heads} heads */
 function takeHeads({ undo: undoHead, redo: redoHead }) {
-  if (undoable.at(-1)?.key !== undoHead?.key) undoable = undoHead ? [undoHead] : [];
-  if (redoable.at(-1)?.key !== redoHead?.key) redoable = redoHead ? [redoHead] : [];
+  if (history.undoable.at(-1)?.key !== undoHead?.key) history.undoable = undoHead ? [undoHead] : [];
+  if (history.redoable.at(-1)?.key !== redoHead?.key) history.redoable = redoHead ? [redoHead] : [];
 }
 
 // An action was refused, or another person works here.
 function forgetHistory() {
-  undoable = [];
-  redoable = [];
+  history.undoable = [];
+  history.redoable = [];
 }
 
-// The changes that take an action back.
+/** The changes that take an action back. @param {Change[]} changes @returns {Change[]} */
 function opposite(changes) {
   return changes.flatMap((change) => {
     const groups = Map.groupBy(change.cells.keys(), (at) => change.base[at]);
@@ -230,8 +275,8 @@ function opposite(changes) {
 }
 
 /**
- * Take the newest action back: the head {kind, camera, frame, changed, frames} of what is undone;
- * null if there is nothing, or it cannot be done now (that was said).
+ * Take the newest action back: the head of what is undone; null if there is nothing, or it cannot
+ * be done now (that was said).
  */
 export function undo() {
   return step("undo");
@@ -245,21 +290,24 @@ export function redo() {
 /**
  * What undo and redo would act on: two heads as `undo` gives them, null where there is nothing; {}
  * where only the server knows, which is told of an action now.
+ * @returns {[?Partial<Head>, ?Head]}
  */
 export function nextSteps() {
   const rest = waiting().length ? {} : null;
-  return [undoable.at(-1) ?? rest, redoable.at(-1) ?? null];
+  return [history.undoable.at(-1) ?? rest, history.redoable.at(-1) ?? null];
 }
 
-let steps = Promise.resolve();
-
-// One after the other: what the second of two quick presses acts on depends on the first.
+/**
+ * One after the other: what the second of two quick presses acts on depends on the first.
+ * @param {"undo" | "redo"} kind
+ */
 function step(kind) {
-  return (steps = steps.then(() => oneStep(kind)));
+  return (history.steps = history.steps.then(() => oneStep(kind)));
 }
 
+/** @param {"undo" | "redo"} kind @returns {Promise<?Head>} */
 async function oneStep(kind) {
-  const next = () => (kind === "undo" ? undoable : redoable).at(-1);
+  const next = () => (kind === "undo" ? history.undoable : history.redoable).at(-1);
   if (!next() && state() === "saving") await whenIdle();
   const head = next();
   const away = "The server is away: only actions of this page can be undone until it is back.";
@@ -268,22 +316,23 @@ async function oneStep(kind) {
     return null;
   }
   // One of an earlier page or another tab is not known here.
-  const did = known.get(head.key);
-  if (!did && (trouble || !connected)) {
+  const did = history.known.get(head.key);
+  if (!did && (saver.trouble || !saver.connected)) {
     say(away);
     return null;
   }
   const { changes, source } = did ?? { changes: [], source: "human" };
   const turned = kind === "undo" ? opposite(changes) : changes;
-  const path = `/api/${kind}`;
-  held.clear();
+  const path = /** @type {const} */ (`/api/${kind}`);
+  saver.held.clear();
   if (!take(newEntry({ path, kind, source, target: head.key, changes: turned }))) return null;
-  if (kind === "undo") redoable.push(undoable.pop());
-  else undoable.push(redoable.pop());
+  const { undoable, redoable } = history;
+  if (kind === "undo") redoable.push(...undoable.splice(-1));
+  else undoable.push(...redoable.splice(-1));
   return head;
 }
 
-/** Send an action again that the server refused. */
+/** Send an action again that the server refused. @param {Entry} entry */
 export function sendAgain(entry) {
   takeBack(entry);
   entry.refusal = null;
@@ -296,71 +345,78 @@ export function sendAgain(entry) {
 
 /** Send what waits now, without waiting for the next try. */
 export function tryNow() {
-  tries = 0;
+  saver.tries = 0;
   pump();
 }
 
 async function pump() {
-  clearTimeout(retryTimer);
-  if (running) return;
-  running = true;
+  clearTimeout(saver.retryTimer);
+  if (saver.running) return;
+  saver.running = true;
   try {
-    while (waiting().length && !held.has(waiting()[0].key) && (await send(waiting()[0])));
+    while (waiting().length && !saver.held.has(waiting()[0].key) && (await send(waiting()[0])));
   } finally {
     // Also after a fault in what shows the answers: saving goes on.
-    running = false;
-    if (waiting().length && !trouble) retryTimer = setTimeout(pump, RETRY_MS[0]);
+    saver.running = false;
+    if (waiting().length && !saver.trouble) saver.retryTimer = setTimeout(pump, RETRY_MS[0]);
   }
   stateChanged();
-  if (!waiting().length) for (const resolve of idleWaiters.splice(0)) resolve();
+  if (!waiting().length) for (const tell of saver.idleWaiters.splice(0)) tell();
 }
 
+/** @param {Entry} entry @returns {Promise<boolean>} */
 async function send(entry) {
+  /** @type {ActionAnswer} */
   let answer;
   try {
-    if (trouble) await checkServer();
+    if (saver.trouble) await checkServer();
     answer = await post(entry.path, wire(entry));
   } catch (error) {
-    if (error.name !== "ApiError") throw error;
+    if (!(error instanceof ApiError)) throw error;
     return failed(entry, error);
   }
-  trouble = null;
-  tries = 0;
+  saver.trouble = null;
+  saver.tries = 0;
   acknowledged(entry, answer);
   return true;
 }
 
-function wire({ path, key, who: annotator, blind: isBlind, mission: name, grid, ...rest }) {
-  const { kind, source, time, target, changes } = rest;
-  const common = { key, who: annotator, blind: isBlind, mission: name, grid, time };
-  if (path !== "/api/actions") return { ...common, target };
-  return { ...common, kind, source, changes };
+/** @param {Entry} entry */
+function wire(entry) {
+  const { key, who: annotator, blind, mission: name, grid, time } = entry;
+  const common = { key, who: annotator, blind, mission: name, grid, time };
+  if (entry.path !== "/api/actions") return { ...common, target: entry.target };
+  return { ...common, kind: entry.kind, source: entry.source, changes: entry.changes };
 }
 
 // After a failure another server may have been started on this port, for another mission.
 async function checkServer() {
-  stranger = strangerWords(await get("/api/mission"));
-  if (stranger) throw new ApiError(421, stranger);
+  saver.stranger = strangerWords(await get("/api/mission"));
+  if (saver.stranger) throw new ApiError(421, saver.stranger);
 }
 
-/** Note what the server shows instead of this page's mission; "" where it shows that. */
+/**
+ * Note what the server shows instead of this page's mission; "" where it shows that.
+ * @param {string} words
+ */
 export function noteStranger(words) {
-  if (words === stranger) return;
-  stranger = words;
+  if (words === saver.stranger) return;
+  saver.stranger = words;
   stateChanged();
 }
 
+/** @param {Entry} entry @param {ActionAnswer} answer */
 function acknowledged(entry, answer) {
-  const start = starts.get(entry.key);
+  const start = saver.starts.get(entry.key);
   if (start !== undefined) performance.measure("tokt:ack", { start, end: performance.now() });
-  starts.delete(entry.key);
+  saver.starts.delete(entry.key);
   forget(entry);
   if (!answer.repeated && answer.changed && entry.who === who()) noteOwn(answer);
   acknowledge(entry, answer);
   dequeue(entry);
   if (entry.who === who() && entry.blind === mission.blind) takeNews(answer);
   if (answer.conflicts?.length) {
-    known.delete(entry.target ?? entry.key); // not all of it was written
+    history.known.delete(entry.target ?? entry.key); // not all of it was written
     noteConflicts(entry, answer.conflicts);
     // Of somebody who worked here before: theirs to decide.
     if (entry.who !== who()) readConflicts(mission.mission, who());
@@ -370,23 +426,30 @@ function acknowledged(entry, answer) {
   stateChanged();
 }
 
+/** @param {ActionAnswer} answer */
 function noteOwn({ event, changed }) {
-  ownEvents.push({ before: event - changed, last: event });
-  if (ownEvents.length > KEPT_RANGES) ownEvents.shift();
+  saver.ownEvents.push({ before: event - changed, last: event });
+  if (saver.ownEvents.length > KEPT_RANGES) saver.ownEvents.shift();
 }
 
-/** Whether all events after `since` up to `last` are of this page's own actions. */
+/**
+ * Whether all events after `since` up to `last` are of this page's own actions.
+ * @param {number} since @param {number} last
+ */
 export function allOwn(since, last) {
   let heard = since;
-  for (const range of ownEvents) if (range.before <= heard) heard = Math.max(heard, range.last);
+  for (const range of saver.ownEvents) {
+    if (range.before <= heard) heard = Math.max(heard, range.last);
+  }
   return heard >= last;
 }
 
+/** @param {Entry} entry @param {ApiError} error */
 function failed(entry, { status, message }) {
   const bad = status >= 400 && status < 500 && !KEEP_STATUS.has(status);
-  if (bad || (status === 500 && tries >= MAX_FAILURES)) {
-    trouble = null;
-    tries = 0;
+  if (bad || (status === 500 && saver.tries >= MAX_FAILURES)) {
+    saver.trouble = null;
+    saver.tries = 0;
     dequeue(entry);
     forgetHistory();
     setAside(entry, message);
@@ -395,9 +458,9 @@ function failed(entry, { status, message }) {
     return true;
   }
   const offline = status === 0 || (status >= 500 && status !== 507);
-  trouble = { state: offline ? "offline" : "refused", text: message };
-  retryTimer = setTimeout(pump, RETRY_MS[Math.min(tries, RETRY_MS.length - 1)]);
-  tries += 1;
+  saver.trouble = { state: offline ? "offline" : "refused", text: message };
+  saver.retryTimer = setTimeout(pump, RETRY_MS[Math.min(saver.tries, RETRY_MS.length - 1)]);
+  saver.tries += 1;
   return false;
 }
 
@@ -406,15 +469,18 @@ async function refreshHeads() {
   if (answer && sameMission(answer) && !waiting().length) takeHeads(answer.undo);
 }
 
-/** Note whether the server is heard. */
+/** Note whether the server is heard. @param {boolean} value */
 export function setConnected(value) {
-  if (value === connected) return;
-  connected = value;
+  if (value === saver.connected) return;
+  saver.connected = value;
   if (value) tryNow();
   stateChanged();
 }
 
-/** Take in what an event says, unless actions of ours that it cannot know of wait. */
+/**
+ * Take in what an event says, unless actions of ours that it cannot know of wait.
+ * @param {News} news
+ */
 export function takeEventHeads({ undo: heads }) {
   if (heads && !waiting().length) takeHeads(heads);
 }
@@ -429,7 +495,7 @@ export function startSaving() {
   });
   onChange((what) => {
     if (what === "all") {
-      ownEvents.length = 0; // the server may be another one now, whose events count anew
+      saver.ownEvents.length = 0; // the server may be another one now, whose events count anew
       begin();
     }
     if (what === "status") stateChanged();
@@ -469,7 +535,10 @@ async function takeLeftovers() {
   pump();
 }
 
+/** @param {Entry} entry */
 function isMine(entry) {
-  const sameGrid = Object.entries(mission.grid).every(([name, n]) => entry.grid[name] === n);
+  const { rows, cols, width } = mission.grid;
+  const { grid } = entry;
+  const sameGrid = grid.rows === rows && grid.cols === cols && grid.width === width;
   return entry.mission === mission.mission && entry.who === who() && sameGrid;
 }

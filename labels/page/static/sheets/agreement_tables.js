@@ -3,23 +3,27 @@
 import { classTag, swatch } from "../core/controls.js";
 import { button, el } from "../core/dom.js";
 
+/** @import { Agreement } from "../core/messages.js" */
+/** @typedef {{a: string, b: string}} Pair */
+
 const NONE = "–";
 
-/** A share as people read it: "96.2 %". */
+/** A share as people read it: "96.2 %". @param {?number} share */
 function percent(share) {
   return share === null ? NONE : `${(100 * share).toFixed(1)} %`;
 }
 
+/** @param {number} value */
 function count(value) {
   return value.toLocaleString("en");
 }
 
-/** Kappa with three digits; a dash where it is not defined. */
+/** Kappa with three digits; a dash where it is not defined. @param {?number} kappa */
 function kappaText(kappa) {
   return kappa === null ? NONE : kappa.toFixed(3);
 }
 
-/** The main figures of what /api/agreement answered. */
+/** The main figures of what /api/agreement answered. @param {Agreement} found */
 export function figures(found) {
   const { a, b, blind } = found;
   const unsure = [percent(found.agreement_with_unsure), kappaText(found.kappa_with_unsure)];
@@ -41,19 +45,20 @@ export function figures(found) {
   );
 }
 
-/** Which class is an obstacle is only known of classes in the taxonomy. */
+/** Which class is an obstacle is only known of classes in the taxonomy. @param {Agreement} found */
 function obstacleText({ obstacle, unknown }) {
   if (obstacle) return percent(obstacle.f1);
   return `${NONE} (not in the taxonomy: ${unknown.join(", ")})`;
 }
 
+/** @param {Agreement} found */
 function kappaMeaning({ kappa, n_both_sure: sure }) {
   if (sure === 0) return " there is no patch that both are sure of";
   if (kappa === null) return " not defined: all patches are of one class";
   return " 1: always the same; 0: no better than by chance";
 }
 
-/** Figures class by class. */
+/** Figures class by class. @param {Agreement} found */
 export function classTable(found) {
   const heads = ["class", found.a, found.b, "both", "F1"];
   return el("table", { class: "numbers" },
@@ -72,6 +77,7 @@ export function classTable(found) {
   );
 }
 
+/** @param {string} text */
 function columnHead(text) {
   return el("th", { text, scope: "col" });
 }
@@ -79,12 +85,16 @@ function columnHead(text) {
 /**
  * Who said what where: each pair {a, b} of labels and how often; one that differs is a button that
  * gives it to `choose`, pressed if it is the `chosen` one, whose conflicts are shown.
+ * @param {Agreement} found @param {?Pair} chosen @param {(pair: Pair) => void} choose
  */
 export function confusionTable(found, chosen, choose) {
   const { labels, confusion } = found;
-  const unseen = (name) => el("span", { class: "unseen", text: name });
-  const head = (name) =>
-    el("th", { scope: "col", title: name }, swatch(name), unseen(name));
+  /** @param {string} name */
+  const head = (name) => {
+    const unseen = el("span", { class: "unseen", text: name });
+    return el("th", { scope: "col", title: name }, swatch(name), unseen);
+  };
+  /** @param {string} a @param {number} i */
   const row = (a, i) =>
     el("tr", {},
       el("th", { scope: "row" }, classTag(a)),
@@ -97,6 +107,10 @@ export function confusionTable(found, chosen, choose) {
   );
 }
 
+/**
+ * @param {Pair} pair @param {number} number @param {Agreement} found @param {?Pair} chosen
+ * @param {(pair: Pair) => void} choose
+ */
 function confusionCell({ a, b }, number, found, chosen, choose) {
   if (a === b) return el("td", { class: "same", text: count(number) });
   if (number === 0) return el("td", { class: "nil", text: "0" });

@@ -2,7 +2,7 @@
 
 import { onFailure } from "../core/api.js";
 import { choice, classButtons } from "../core/controls.js";
-import { button, el, say, soon } from "../core/dom.js";
+import { button, el, part, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import { mission, onChange, onReload, onSetting, who } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
@@ -16,12 +16,23 @@ import { selectionKeys } from "./tile_grid.js";
 import { Asking, DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
 /**
- * The conflicts of one comparison, as the server names them: {camera, frame, cell, a, b, sure,
- * settled, settled_by}. Of the view, `only`: {a, b}, the labels that conflicts must have;
+ * @import { ApiError } from "../core/api.js"
+ * @import { Agreement, Conflict } from "../core/messages.js"
+ * @import { Child } from "../core/dom.js"
+ * @import { Pair } from "./agreement_tables.js"
+ * @import { SheetPlace } from "./tile_sheet.js"
+ */
+
+/**
+ * The conflicts of one comparison. Of the view, `only`: the labels that conflicts must have;
  * `unsure`: also those where one was not sure, null while nobody chose.
+ * @extends {DecisionSheet<Conflict>}
  */
 class ConflictSheet extends DecisionSheet {
-  /** `people`: {a, b}, names; `onChoice()`: other labels were chosen to look at. */
+  /**
+   * @param {Pair} people Names. @param {?SheetPlace} place
+   * @param {() => void} onChoice Other labels were chosen to look at.
+   */
   constructor(people, place, onChoice) {
     super({
       label: "patches on which they differ",
@@ -30,7 +41,8 @@ class ConflictSheet extends DecisionSheet {
       margin: 0.25,
       place: { only: null, unsure: null, ...place },
     });
-    Object.assign(this, { people, onChoice });
+    this.people = people;
+    this.onChoice = onChoice;
     this.element = el("div", { class: "conflicts" },
       el("div", { class: "bar" }, el("h2", { text: "Conflicts" }), this.filters),
       this.bar(
@@ -42,7 +54,10 @@ class ConflictSheet extends DecisionSheet {
     );
   }
 
-  /** Take what the server found; `anew`: show it from where the person was, else tiles stay. */
+  /**
+   * Take what the server found; `anew`: show it from where the person was, else tiles stay.
+   * @param {Conflict[]} conflicts @param {{anew: boolean}} options
+   */
   take(conflicts, { anew }) {
     this.patches = conflicts;
     this.view.unsure ??= !conflicts.some((conflict) => conflict.sure);
@@ -55,7 +70,10 @@ class ConflictSheet extends DecisionSheet {
     this.choose({ unsure: !this.view.unsure });
   }
 
-  /** Show `only` the conflicts of two labels, {a, b}; of the same two again, or of null: all. */
+  /**
+   * Show `only` the conflicts of two labels, {a, b}; of the same two again, or of null: all.
+   * @param {?Pair} only
+   */
   choosePair(only) {
     const { only: now } = this.view;
     const again = only && now?.a === only.a && now?.b === only.b;
@@ -64,7 +82,10 @@ class ConflictSheet extends DecisionSheet {
     this.grid.focus();
   }
 
-  /** Settle the selected conflicts, or the one under the cursor and go on; null takes it back. */
+  /**
+   * Settle the selected conflicts, or the one under the cursor and go on; null takes it back.
+   * @param {?string} label
+   */
   settle(label) {
     const targets = this.targets();
     if (targets.length === 0) return;
@@ -75,14 +96,16 @@ class ConflictSheet extends DecisionSheet {
     say(count === 0 ? "Nothing to change." : `${patchesAre(count)} ${now}; Ctrl+Z undoes.`);
   }
 
+  /** @param {Conflict} conflict */
   decisionOn(conflict) {
     return settledOf(conflict);
   }
 
+  /** @param {Conflict} conflict */
   keeps(conflict) {
     const { only, unsure } = this.view;
     if (only) return conflict.a === only.a && conflict.b === only.b;
-    return unsure || conflict.sure;
+    return Boolean(unsure) || conflict.sure;
   }
 
   moreFilters() {
@@ -94,14 +117,17 @@ class ConflictSheet extends DecisionSheet {
     return [button(`with one unsure ${count}`, () => this.withUnsure(), options)];
   }
 
+  /** @param {Conflict} conflict @returns {[string, string, string][]} */
   opinions({ a, b }) {
     return [["A", a, `${this.people.a} ${a}`], ["B", b, `${this.people.b} ${b}`]];
   }
 
+  /** @param {?string} settled */
   decisionWords(settled) {
     return settled === null ? "not settled" : `settled as ${settled}`;
   }
 
+  /** @param {number} count */
   chosenWords(count) {
     return `Settle ${count > 0 ? `${count} selected` : "this one"} as`;
   }
@@ -111,6 +137,7 @@ class ConflictSheet extends DecisionSheet {
     return this.view.which === "open" ? "Everything is settled." : "There is no such conflict.";
   }
 
+  /** @param {Conflict} conflict */
   about(conflict) {
     const settled = settledOf(conflict);
     const known = settled === conflict.settled && conflict.settled_by;
@@ -125,49 +152,71 @@ class ConflictSheet extends DecisionSheet {
 
 // ---- The view
 
-let root = null; // null while another view is shown
-let parts = null; // the elements of a comparison; null while there is none
-let pair = null; // {a, b}: names
-let found = null; // the last answer of /api/agreement
-const asking = new Asking();
-let last = null; // {pair, place}: where the person was, to come back to
+/** @typedef {ReturnType<typeof build>} Comparison */
 
-async function show(element, [a, b]) {
+/** The view's state; all of it. */
+const view = {
+  /** @type {?HTMLElement} Null while another view is shown. */
+  root: null,
+  /** @type {?Comparison} The elements of a comparison; null while there is none. */
+  parts: null,
+  /** @type {?Pair} Names. */
+  pair: null,
+  /** @type {?Agreement} The last answer. */
+  found: null,
+  /** @type {?{pair: Pair, place: SheetPlace}} Where the person was, to come back to. */
+  last: null,
+};
+const asking = new Asking();
+
+/** The sheet of a comparison whose figures are there; else null. */
+function shownSheet() {
+  return view.found && view.parts ? view.parts.sheet : null;
+}
+
+/** @param {HTMLElement} root @param {string[]} words */
+async function show(root, [a, b]) {
   leave();
-  root = element;
+  view.root = root;
   if (mission.blind) return showBlind();
-  pair = pairFor(a, b);
-  if (!pair) return showAlone();
-  const here = (parts = build());
-  root.replaceChildren(parts.root);
-  parts.sheet.grid.focus();
+  view.pair = pairFor(a, b);
+  if (!view.pair) return showAlone();
+  const here = (view.parts = build(view.pair));
+  root.replaceChildren(here.root);
+  here.sheet.grid.focus();
   await lookAtShapes();
-  if (here === parts) await compare({ anew: true });
+  if (here === view.parts) await compare({ anew: true });
 }
 
 function leave() {
-  if (found) last = { pair, place: parts.sheet.place() };
+  const sheet = shownSheet();
+  if (sheet) view.last = { pair: sheet.people, place: sheet.place() };
   asking.stop();
-  parts?.sheet.close();
-  parts = null;
-  found = null;
+  view.parts?.sheet.close();
+  view.parts = null;
+  view.found = null;
 }
 
 function hide() {
   leave();
-  root = null;
+  view.root = null;
 }
 
-/** Who is compared: as the address says, else somebody else with whom works here. */
+/**
+ * Who is compared: as the address says, else somebody else with whom works here.
+ * @param {string} a @param {string} b @returns {?Pair}
+ */
 function pairFor(a, b) {
   const names = mission.annotators;
   if (names.length < 2) return null;
+  /** @param {string} name */
   const known = (name) => names.includes(name);
   const second = known(b) ? b : who();
-  const first = known(a) && a !== second ? a : names.find((name) => name !== second);
+  const first = known(a) && a !== second ? a : (names.find((name) => name !== second) ?? "");
   return { a: first, b: second };
 }
 
+/** @param {Pair} pair */
 function addressOf({ a, b }) {
   return `#/agreement/${encodeURIComponent(a)}/${encodeURIComponent(b)}`;
 }
@@ -176,9 +225,10 @@ function addressOf({ a, b }) {
 
 async function showBlind() {
   let fault = "";
-  const explain = ({ message }) => (fault = `The list of frames could not be loaded: ${message}.`);
-  await loadBlindList().catch(onFailure(explain));
-  if (root && mission.blind) showAlso(blindProgress(fault));
+  await loadBlindList().catch(
+    onFailure(({ message }) => (fault = `The list of frames could not be loaded: ${message}.`)),
+  );
+  if (view.root && mission.blind) showAlso(blindProgress(fault));
 }
 
 function showAlone() {
@@ -187,33 +237,38 @@ function showAlone() {
   showAlso(el("p", { class: "empty-state", text }), blindForm({ of: only }));
 }
 
-function showForm() {
-  const back = () => go(addressOf(pair));
-  const form = blindForm({ of: pair.a, onCancel: back });
+/** @param {Pair} pair */
+function showForm(pair) {
+  const form = blindForm({ of: pair.a, onCancel: () => go(addressOf(pair)) });
   leave();
   showAlso(form);
-  form.querySelector("input").focus();
+  part(form, "input").focus();
 }
 
+/** @param {...Child} children */
 function showAlso(...children) {
   const options = { class: "agreement-alone", tabindex: -1, "data-home": true };
-  root.replaceChildren(el("section", options, ...children));
+  view.root?.replaceChildren(el("section", options, ...children));
 }
 
 // ---- The comparison
 
-function build() {
+/** @param {Pair} pair */
+function build(pair) {
   const numbers = el("div", { class: "agreement-numbers" });
   const words = el("p", { class: "agreement-words", role: "status" });
+  const { last } = view;
   const same = last?.pair.a === pair.a && last.pair.b === pair.b;
   const sheet = new ConflictSheet(pair, same ? last.place : null, showNumbers);
   const options = { class: "agreement tiles-view", "aria-label": "agreement of two annotators" };
   const section = el("section", options,
     el("div", { class: "bar" },
-      person("a"),
-      button("⇄", swap, { title: "exchange them (s)", "aria-label": "exchange them" }),
-      person("b"),
-      button("Label blind …", showForm, { title: "label again without seeing this (b)" }),
+      person(pair, "a"),
+      button("⇄", () => swap(pair), { title: "exchange them (s)", "aria-label": "exchange them" }),
+      person(pair, "b"),
+      button("Label blind …", () => showForm(pair), {
+        title: "label again without seeing this (b)",
+      }),
       words,
     ),
     el("div", { class: "agreement-columns" }, numbers, sheet.element),
@@ -221,34 +276,41 @@ function build() {
   return { root: section, numbers, words, sheet };
 }
 
-function person(side) {
-  const choose = ({ target }) => {
-    const next = { ...pair, [side]: target.value };
+/** @param {Pair} pair @param {"a" | "b"} side */
+function person(pair, side) {
+  const letter = side.toUpperCase();
+  const options = { "aria-label": `annotator ${letter}` };
+  const select = choice(mission.annotators, pair[side], options);
+  select.addEventListener("change", () => {
+    const next = { ...pair, [side]: select.value };
     if (next.a === next.b) next[side === "a" ? "b" : "a"] = pair[side];
     go(addressOf(next));
-  };
-  const letter = side.toUpperCase();
-  const options = { "aria-label": `annotator ${letter}`, on: { change: choose } };
-  const select = choice(mission.annotators, pair[side], options);
+  });
   return el("label", { class: "person-choice" }, el("strong", { text: letter }), select);
 }
 
-function swap() {
-  go(addressOf({ a: pair.b, b: pair.a }));
+/** @param {Pair} pair */
+function swap({ a, b }) {
+  go(addressOf({ a: b, b: a }));
 }
 
+/** @param {{anew: boolean}} options */
 async function compare({ anew }) {
-  if (!found) parts.words.textContent = "Comparing …";
-  const answer = await asking.get("/api/agreement", pair, showFault);
+  const { parts, pair } = view;
+  if (!parts || !pair) return;
+  if (!view.found) parts.words.textContent = "Comparing …";
+  const failed = (/** @type {ApiError} */ error) => showFault(parts, pair, error);
+  const answer = await asking.get("/api/agreement", pair, failed);
   if (!answer) return;
-  found = answer;
+  view.found = answer;
   parts.words.textContent = "";
   parts.root.classList.remove("not-compared");
-  parts.sheet.take(found.conflicts, { anew });
+  parts.sheet.take(answer.conflicts, { anew });
   showNumbers();
 }
 
-function showFault({ status, message }) {
+/** @param {Comparison} parts @param {Pair} pair @param {ApiError} error */
+function showFault(parts, pair, { status, message }) {
   const yet = status === 404 || status === 409;
   const words = yet
     ? `${pair.a} and ${pair.b} cannot be compared yet: ${message}.`
@@ -263,8 +325,10 @@ function showFault({ status, message }) {
 }
 
 function showNumbers() {
+  const { parts, found } = view;
+  if (!parts || !found) return;
   const { sheet, numbers } = parts;
-  const { only } = sheet.view;
+  const { only = null } = sheet.view;
   const confusion = confusionTable(found, only, (chosen) => sheet.choosePair(chosen));
   numbers.replaceChildren(figures(found), confusion, classTable(found));
 }
@@ -273,17 +337,21 @@ function showNumbers() {
 
 function enter() {
   if (mission.blind) continueBlind();
-  else parts?.sheet.openCurrent();
+  else view.parts?.sheet.openCurrent();
 }
 
-const row = sheetRow(() => found && parts.sheet);
+function formOrNothing() {
+  return view.parts ? showForm(view.parts.sheet.people) : false;
+}
+
+const row = sheetRow(shownSheet);
 
 addView("agreement", {
   title: "Agreement",
   show,
   hide,
-  link: () => (pair ? addressOf(pair) : "#/agreement"),
-  classKeys: (name) => found && parts.sheet.settle(name),
+  link: () => (view.pair ? addressOf(view.pair) : "#/agreement"),
+  classKeys: (name) => shownSheet()?.settle(name),
   keys: [
     { keys: ["class key"], does: "settle the selected conflicts as this class" },
     row(["Delete", "Backspace"], "take settlements back", (sheet) => sheet.settle(null)),
@@ -292,17 +360,18 @@ addView("agreement", {
     row(["e"], "also where one of them is unsure, or not", (sheet) => sheet.withUnsure()),
     row(["d", "PageDown"], "next page", (sheet) => sheet.turn(1)),
     row(["a", "PageUp"], "previous page", (sheet) => sheet.turn(-1)),
-    row(["s"], "exchange the two annotators", swap),
-    { keys: ["b"], does: "label blind", run: () => (parts ? showForm() : false) },
+    row(["s"], "exchange the two annotators", (sheet) => swap(sheet.people)),
+    { keys: ["b"], does: "label blind", run: formOrNothing },
     row(["r"], "compare anew", () => compare({ anew: true })),
     ...lookKeys,
-    ...selectionKeys(() => parts?.sheet.grid),
+    ...selectionKeys(() => view.parts?.sheet.grid),
   ],
 });
 
-onLabels(soon(() => found && parts.sheet.refresh()));
+onLabels(soon(() => shownSheet()?.refresh()));
 onChange((what) => {
   // Heard again of the server: what is selected stays selected.
+  const { root, pair, found } = view;
   if (found && what === "all") compare({ anew: false });
   else if (root && what === "all") show(root, pair ? [pair.a, pair.b] : []);
   else if (root && mission.blind) showBlind();
@@ -310,14 +379,13 @@ onChange((what) => {
   else if (found) asking.soon(() => compare({ anew: false }));
 });
 onReload(() => {
-  if (root) leave();
-  last = null;
-  if (!root) return;
-  if (mission.blind) showBlind();
-  else root.replaceChildren();
+  if (view.root) leave();
+  view.last = null;
+  if (view.root && mission.blind) showBlind();
+  else view.root?.replaceChildren();
 });
 onSetting((name) => {
-  if (!found || name !== "enhance") return;
-  parts.sheet.redraw();
+  if (!view.found || name !== "enhance") return;
+  shownSheet()?.redraw();
   showNumbers();
 });

@@ -18,15 +18,24 @@ import {
 const NONE = "No audit doubts a label of this mission.";
 const LOOK = "Look for labels that may be wrong";
 
-const labelOf = ({ label, suggested }) => label || suggested; // a finding has no label yet
+/**
+ * @import { ApiError } from "../core/api.js"
+ * @import { Audit, AuditListed, Doubt } from "../core/messages.js"
+ * @import { SheetPlace } from "./tile_sheet.js"
+ */
+
+/** A finding has no label yet. @param {Doubt} doubt */
+const labelOf = ({ label, suggested }) => label || suggested;
+/** @param {Doubt} doubt */
 const suggestedOf = ({ suggested }) => suggested;
 
 /**
- * One audit's patches as the server names them, the worst first: {camera, frame, cell, label,
- * suggested, margin, reason, group}, and as they were when it was loaded {mine, settled, decided}: what
- * the person says, what is settled and what was decided since the audit.
+ * One audit's patches, the worst first; `mine`, `settled` and `decided` as they were when it was
+ * loaded.
+ * @extends {DecisionSheet<Doubt>}
  */
 class AuditSheet extends DecisionSheet {
+  /** @param {Doubt[]} patches @param {SheetPlace | undefined} place */
   constructor(patches, place) {
     super({
       label: "patches whose label is doubted",
@@ -47,7 +56,7 @@ class AuditSheet extends DecisionSheet {
     this.element = el("div", { class: "conflicts" }, decisions, this.tiles);
   }
 
-  /** Take in what is decided now, as the server has it. */
+  /** Take in what is decided now, as the server has it. @param {Doubt[]} patches */
   learn(patches) {
     const known = new Map(patches.map((doubt) => [nameOf(doubt), doubt]));
     for (const doubt of this.patches) Object.assign(doubt, known.get(nameOf(doubt)));
@@ -58,11 +67,13 @@ class AuditSheet extends DecisionSheet {
    * Decide what the selected patches are, or the one under the cursor and go on to the next.
    * Labels of one's own are changed; a confirmation, and a decision on what somebody else
    * labelled, stands beside the labels as a settlement: one action, which one undo takes back.
+   * @param {(doubt: Doubt) => string} labelFor
    */
   decide(labelFor) {
     const targets = this.whole(this.targets());
     if (targets.length === 0) return;
     const single = this.grid.selection.chosen.size === 0;
+    /** @param {Doubt} doubt */
     const own = (doubt) =>
       ![doubt.label, mineOf(doubt)].includes(labelFor(doubt)) &&
       (mineOf(doubt) !== null || !doubt.label);
@@ -72,7 +83,10 @@ class AuditSheet extends DecisionSheet {
     say(`${patchesAre(count)} decided; Ctrl+Z undoes.`);
   }
 
-  /** The patches, and all of the findings that they are of: a finding is decided at once. */
+  /**
+   * The patches, and all of the findings that they are of: a finding is decided at once.
+   * @param {Doubt[]} patches
+   */
   whole(patches) {
     const groups = new Set(patches.map(({ group }) => group).filter(Boolean));
     const others = this.patches.filter(({ group }) => groups.has(group));
@@ -93,7 +107,10 @@ class AuditSheet extends DecisionSheet {
     say(count === 0 ? "Nothing to take back." : `${patchesAre(count)} open again.`);
   }
 
-  /** What has been decided since the audit, with what has not reached the server yet; else null. */
+  /**
+   * What has been decided since the audit, with what has not reached the server yet; else null.
+   * @param {Doubt} doubt @returns {?string}
+   */
   decisionOn(doubt) {
     const [mine, settled] = [mineOf(doubt), settledOf(doubt)];
     if (settled !== doubt.settled) return settled;
@@ -101,15 +118,19 @@ class AuditSheet extends DecisionSheet {
     return mine !== doubt.label ? mine : null; // null again where it was taken back
   }
 
+  /** @param {Doubt} doubt @returns {[mark: string, name: string, words: string][]} */
   opinions({ label, suggested }) {
+    /** @type {[string, string, string]} */
     const taken = ["?", suggested, `taken for ${suggested}`];
     return label ? [["", label, `labelled ${label}`], taken] : [taken];
   }
 
+  /** @param {?string} decision */
   decisionWords(decision) {
     return decision === null ? "not decided" : `decided: ${decision}`;
   }
 
+  /** @param {number} count */
   chosenWords(count) {
     return count > 0 ? `${count} selected:` : "This one:";
   }
@@ -118,6 +139,7 @@ class AuditSheet extends DecisionSheet {
     return this.view.which === "open" ? "Everything is decided." : "There is none.";
   }
 
+  /** @param {Doubt} doubt */
   about(doubt) {
     const decision = this.decisionOn(doubt);
     const open = doubt.label
@@ -135,27 +157,35 @@ class AuditSheet extends DecisionSheet {
 
 // ---- The view
 
-let parts = null; // the elements on show; null while another view is
-let sheet = null; // an AuditSheet; null while there is nothing to show
-let name = "";
+/** The view's state; all of it. */
+const view = {
+  /** @type {?ReturnType<typeof build>} The elements on show; null while another view is. */
+  parts: null,
+  /** @type {?AuditSheet} Null while there is nothing to show. */
+  sheet: null,
+  name: "",
+  /** @type {Map<string, SheetPlace>} By audit: where the person was, to come back to. */
+  places: new Map(),
+};
 const asking = new Asking();
-const places = new Map(); // audit -> where the person was, to come back to
 
+/** @param {HTMLElement} root @param {string[]} words */
 async function show(root, [wanted]) {
   leave();
-  const here = (parts = build());
+  const here = (view.parts = build());
   root.replaceChildren(here.root);
   here.root.focus();
   await lookAtShapes();
-  if (here === parts) await load(wanted);
+  if (here === view.parts) await load(wanted);
 }
 
 function leave() {
+  const { sheet, name, places } = view;
   if (sheet) places.set(name, sheet.place());
   asking.stop();
   sheet?.close();
-  sheet = null;
-  parts = null;
+  view.sheet = null;
+  view.parts = null;
 }
 
 function build() {
@@ -167,59 +197,71 @@ function build() {
   return { root, tabs, words, body };
 }
 
+/** @param {string} wanted */
 async function load(wanted) {
   asking.stop();
+  const { parts } = view;
+  if (!parts) return;
   if (mission.blind) return void (parts.words.textContent = "Not while labelling blind.");
   parts.words.textContent = "Loading ...";
+  /** @param {ApiError} error */
   const failed = ({ message }) => (parts.words.textContent = `It could not be loaded: ${message}.`);
   const listed = await asking.get("/api/audits", {}, failed);
   if (!listed) return;
   const { audits } = listed;
   const chosen = audits.find((one) => one.name === wanted) ?? audits[0];
-  name = chosen?.name ?? "";
-  showTabs(audits);
+  view.name = chosen?.name ?? "";
+  parts.tabs.replaceChildren(...tabsOf(audits));
   if (!chosen) return parts.words.replaceChildren(nothingYet(NONE, LOOK, "#/files"));
-  const audit = await asking.get("/api/audit", { name }, failed);
-  if (audit) showAudit(audit);
+  const audit = await asking.get("/api/audit", { name: chosen.name }, failed);
+  if (!audit) return;
+  parts.words.textContent = wordsOf(audit);
+  parts.body.replaceChildren(newSheet(audit));
+  view.sheet?.show();
+  view.sheet?.grid.focus();
 }
 
-function showTabs(audits) {
+/** @param {AuditListed[]} audits */
+function tabsOf(audits) {
   const back = el("a", { class: "tab", text: "‹ by class", href: "#/sheet" });
   const tabs = audits.map((one) => {
     const href = `#/audit/${encodeURIComponent(one.name)}`;
-    const made = tab(`Audit ${one.name}`, one.patches, href, one.name === name);
+    const made = tab(`Audit ${one.name}`, one.patches, href, one.name === view.name);
     made.title = one.fault || one.of;
     return made;
   });
-  parts.tabs.replaceChildren(back, ...tabs);
+  return [back, ...tabs];
 }
 
-function showAudit({ of, rule, total, patches }) {
+/** @param {Audit} audit */
+function wordsOf({ of, rule, total, patches }) {
   const shown = patches.length < total ? ` The worst ${patches.length} of ${total}.` : "";
-  parts.words.textContent = `${of}: ${rule}${shown}`;
-  const place = sheet?.place() ?? places.get(name);
-  sheet?.close();
-  sheet = new AuditSheet(patches, place);
-  parts.body.replaceChildren(sheet.element);
-  sheet.show();
-  sheet.grid.focus();
+  return `${of}: ${rule}${shown}`;
+}
+
+/** A sheet in place of the one that was shown. @param {Audit} audit */
+function newSheet({ patches }) {
+  const place = view.sheet?.place() ?? view.places.get(view.name);
+  view.sheet?.close();
+  view.sheet = new AuditSheet(patches, place);
+  return view.sheet.element;
 }
 
 /** Labels changed somewhere, maybe in frames that are not shown: tiles stay where they are. */
 async function learn() {
   // Where the server is away the page says so; what was decided meanwhile is learnt with the next.
-  const audit = await asking.get("/api/audit", { name });
-  if (audit) sheet.learn(audit.patches);
+  const audit = await asking.get("/api/audit", { name: view.name });
+  if (audit) view.sheet?.learn(audit.patches);
 }
 
-const row = sheetRow(() => sheet);
+const row = sheetRow(() => view.sheet);
 
 addView("audit", {
   title: "Label audit",
   under: "sheet",
   show,
   hide: leave,
-  classKeys: (label) => sheet?.decide(() => label),
+  classKeys: (label) => view.sheet?.decide(() => label),
   keys: [
     { keys: ["class key"], does: "the selected patches are of this class" },
     row(["y"], "the label is right", (it) => it.decide(labelOf)),
@@ -229,21 +271,21 @@ addView("audit", {
     row(["/"], "filter: open, decided, all", (it) => it.nextWhich()),
     row(["d", "PageDown"], "next page", (it) => it.turn(1)),
     row(["a", "PageUp"], "previous page", (it) => it.turn(-1)),
-    { keys: ["r"], does: "load it anew", run: () => load(name) },
+    { keys: ["r"], does: "load it anew", run: () => load(view.name) },
     ...lookKeys,
-    ...selectionKeys(() => sheet?.grid),
+    ...selectionKeys(() => view.sheet?.grid),
   ],
 });
 
-onLabels(soon(() => sheet?.refresh()));
+onLabels(soon(() => view.sheet?.refresh()));
 onChange((what) => {
-  if (parts && !sheet && what === "all") load(name);
-  else if (sheet) asking.soon(learn);
+  if (view.parts && !view.sheet && what === "all") load(view.name);
+  else if (view.sheet) asking.soon(learn);
 });
 onReload(() => {
-  places.clear();
-  if (parts) load(name);
+  view.places.clear();
+  if (view.parts) load(view.name);
 });
 onSetting((what) => {
-  if (sheet && what === "enhance") sheet.redraw();
+  if (what === "enhance") view.sheet?.redraw();
 });

@@ -1,13 +1,16 @@
 // Labelling a second time without seeing the first: beginning, going on, and comparing.
 
 import { onFailure } from "../core/api.js";
-import { choice } from "../core/controls.js";
+import { choice, complain } from "../core/controls.js";
 import { button, el, say } from "../core/dom.js";
 import { listenAnew } from "../saving/live.js";
 import { mission, setPerson, setSetting, setting, stateOf, who } from "../core/mission.js";
 import { go } from "../core/router.js";
 import { blindFrames, loadBlindList, nextBlindFrame } from "../labelling/blind_list.js";
 
+/** @import { Place } from "../core/messages.js" */
+
+/** @type {Record<string, {sign: string, text: string}>} */
 const SIGNS = {
   u: { sign: "○", text: "unseen" },
   s: { sign: "◔", text: "seen" },
@@ -19,11 +22,15 @@ const WHY_BLIND =
   "A second person labels the same frames without seeing the first one's labels or any " +
   "suggestion. Only then does agreement say something about the labels.";
 
-/** The form that begins a blind labelling; `of`: whose frames are proposed. */
+/**
+ * The form that begins a blind labelling; `of`: whose frames are proposed.
+ * @param {{of: string, onCancel?: () => void}} options
+ */
 export function blindForm({ of, onCancel }) {
   const whose = choice(mission.annotators, of, { id: "blind-of" });
   const name = el("input", { id: "blind-who", required: true, maxlength: 60, autocomplete: "off" });
   if (who() !== of) name.value = who();
+  /** @param {Event} event */
   const begin = (event) => {
     event.preventDefault();
     beginBlind(whose.value, name.value.trim());
@@ -42,7 +49,10 @@ export function blindForm({ of, onCancel }) {
   );
 }
 
-/** Work blind from now on, as `name`, on the frames of `of`. */
+/**
+ * Work blind from now on, as `name`, on the frames of `of`.
+ * @param {string} of @param {string} name
+ */
 async function beginBlind(of, name) {
   if (!name) return;
   if (name === of) {
@@ -73,12 +83,16 @@ async function endBlind() {
   });
 }
 
+/** @param {() => Promise<void>} change */
 async function changePerson(change) {
-  const explain = ({ message }) => say(`That did not work: ${message}.`, { bad: true });
+  const explain = complain("That did not work:");
   await change().catch(onFailure(explain)).finally(listenAnew);
 }
 
-/** How far a blind labelling is; `fault`: why there is no list, "" where there is. */
+/**
+ * How far a blind labelling is; `fault`: why there is no list, "" where there is.
+ * @param {string} fault
+ */
 export function blindProgress(fault) {
   const list = blindFrames();
   const done = list.filter(({ camera, frame }) => stateOf(camera, frame) === "d").length;
@@ -100,6 +114,7 @@ export function blindProgress(fault) {
   );
 }
 
+/** @param {Place} place */
 function frameLink({ camera, frame }) {
   const { sign, text } = SIGNS[stateOf(camera, frame)] ?? SIGNS.u;
   const href = `#/label/${camera}/${frame}`;

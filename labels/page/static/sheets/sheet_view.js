@@ -16,14 +16,29 @@ const ASK_AGAIN_MS = 2000;
 const SIZES = [48, 64, 84, 112, 150];
 const MARGINS = [0, 0.25, 1]; // around a patch, in patches
 
-/** A person's patches of one class. */
+/**
+ * @import { ApiError } from "../core/api.js"
+ * @import { SheetAnswer, SheetPatch } from "../core/messages.js"
+ * @typedef {SheetPatch & {mine: ?string}} SheetTile
+ *
+ * What is shown of the sheet; `newOrder`: there is a better order.
+ * @typedef {Omit<SheetAnswer, "patches"> & {offset: number, tiles: SheetTile[],
+ *   newOrder?: boolean}} SheetPage
+ */
+
+/**
+ * A person's patches of one class.
+ * @extends {TileSheet<SheetTile>}
+ */
 class ReviewSheet extends TileSheet {
+  /** @param {string} label */
   constructor(label) {
     super(`patches labelled ${label}`, 0);
     this.label = label;
-    /** {offset, total, by, ready, done, of, tiles}; null until it is loaded. */
+    /** @type {?SheetPage} Null until it is loaded. */
     this.page = null;
     this.asking = new Asking();
+    this.timer = 0;
     this.tabs = el("nav", { class: "sheet-tabs", "aria-label": "classes" });
     this.words = el("p", { class: "sheet-words", role: "status" });
     this.range = el("span", { class: "sheet-range" });
@@ -46,12 +61,12 @@ class ReviewSheet extends TileSheet {
     return [pager((step) => this.turn(step), this.range, again), sizeButtons(resize, around)];
   }
 
-  /** Show a page that was loaded. */
+  /** Show a page that was loaded. @param {SheetPage} page @param {?number} cursor */
   show(page, cursor) {
     this.page = page;
     this.showTiles(page.tiles, look(), cursor);
     this.#showTabs();
-    this.#showState();
+    this.#showState(page);
   }
 
   /** Labels changed. */
@@ -76,7 +91,10 @@ class ReviewSheet extends TileSheet {
 
   // ---- What the server has
 
-  /** Load the page that begins with the patch at `offset`. */
+  /**
+   * Load the page that begins with the patch at `offset`.
+   * @param {number} offset @param {{quietly?: boolean}} [options]
+   */
   async load(offset, { quietly = false } = {}) {
     clearTimeout(this.timer);
     if (!quietly) this.words.textContent = "Loading ...";
@@ -85,9 +103,9 @@ class ReviewSheet extends TileSheet {
     });
     if (!answer) return;
     // Somebody began to choose patches meanwhile: other tiles must not take their places.
-    if (quietly && !this.#untouched()) {
+    if (quietly && this.page && !this.#untouched()) {
       this.page.newOrder = true;
-      this.#showState();
+      this.#showState(this.page);
     } else if (answer.patches.length === 0 && offset > 0) this.load(0);
     else {
       const tiles = answer.patches.map((patch) => ({ ...patch, mine: this.label }));
@@ -95,6 +113,7 @@ class ReviewSheet extends TileSheet {
     }
   }
 
+  /** @param {number} offset @param {number} limit @param {(error: ApiError) => unknown} failed */
   #ask(offset, limit, failed) {
     return this.asking.get("/api/sheet", { class: this.label, offset, limit }, failed);
   }
@@ -102,24 +121,26 @@ class ReviewSheet extends TileSheet {
   /** While features are being computed, ask how far they are; order anew only untouched pages. */
   async #askAgain() {
     // Where the server is away the page says so; the question is asked again.
-    const answer = await this.#ask(this.page.offset, 1, () => this.#showState());
+    const { page } = this;
+    if (!page) return;
+    const answer = await this.#ask(page.offset, 1, () => this.#showState(page));
     if (!answer) return;
     const { done, of, ready } = answer;
-    Object.assign(this.page, { done, of });
-    if (ready && this.#untouched()) return void this.load(this.page.offset, { quietly: true });
-    this.page.newOrder = ready;
-    this.#showState();
+    Object.assign(page, { done, of });
+    if (ready && this.#untouched()) return void this.load(page.offset, { quietly: true });
+    page.newOrder = ready;
+    this.#showState(page);
   }
 
   #untouched() {
     const { busy, selection } = this.grid;
     if (busy || selection.chosen.size > 0 || selection.pointed) return false;
-    return this.#still().length === this.page.tiles.length;
+    return this.#still().length === this.page?.tiles.length;
   }
 
   /** The tiles that are still of this class. */
   #still() {
-    return this.page.tiles.filter((tile) => mineOf(tile) === this.label);
+    return (this.page?.tiles ?? []).filter((tile) => mineOf(tile) === this.label);
   }
 
   /** Order the patches anew. */
@@ -127,7 +148,10 @@ class ReviewSheet extends TileSheet {
     if (this.page) this.load(this.page.offset);
   }
 
-  /** The next page starts after what is still of this class, so that relabelling skips nothing. */
+  /**
+   * The next page starts after what is still of this class, so that relabelling skips nothing.
+   * @param {number} step
+   */
   turn(step) {
     if (!this.page) return;
     const { offset, tiles, total } = this.page;
@@ -147,8 +171,8 @@ class ReviewSheet extends TileSheet {
     this.tabs.replaceChildren(...tabs, audit);
   }
 
-  #showState() {
-    const { total, offset, tiles, ready, by, done, of, newOrder } = this.page;
+  /** @param {SheetPage} page */
+  #showState({ total, offset, tiles, ready, by, done, of, newOrder }) {
     const first = tiles.length > 0 ? offset + 1 : 0;
     const numbers = [first, offset + tiles.length, total];
     const [from, to, all] = numbers.map((n) => n.toLocaleString("en"));
@@ -167,16 +191,19 @@ class ReviewSheet extends TileSheet {
     if (!ready && !newOrder) this.timer = setTimeout(() => this.#askAgain(), ASK_AGAIN_MS);
   }
 
+  /** @param {number} count */
   chosenWords(count) {
     return `Relabel ${count > 0 ? `${count} selected` : "this one"} as`;
   }
 
+  /** @param {SheetTile} tile */
   about(tile) {
     const now = mineOf(tile);
     const odd = tile.value === null ? [] : [`Ordered by its value, ${tile.value.toFixed(2)}.`];
     return [now ? `Labelled ${now}.` : "No label.", ...odd, "Enter opens its frame."];
   }
 
+  /** @param {SheetTile} tile */
   describe(tile) {
     const now = mineOf(tile);
     if (now === this.label) return { name: nameOf(tile), lines: [] };
@@ -184,7 +211,7 @@ class ReviewSheet extends TileSheet {
     return { name: `${nameOf(tile)}, now ${now ?? "without label"}`, lines, faded: true };
   }
 
-  /** Give the selected patches another label; null takes it away. */
+  /** Give the selected patches another label; null takes it away. @param {?string} name */
   relabel(name) {
     const targets = this.targets();
     if (targets.length === 0) return;
@@ -204,6 +231,7 @@ function look() {
   return { width, margin };
 }
 
+/** @param {number} step */
 function resize(step) {
   const at = SIZES.indexOf(look().width) + step;
   setSetting("tileWidth", SIZES[Math.max(0, Math.min(SIZES.length - 1, at))]);
@@ -215,27 +243,34 @@ function changeMargin() {
 
 // ---- The view
 
-let sheet = null; // null while another view is shown
-let label = "";
-const places = new Map(); // class -> {page, cursor}: where the person was, to come back to
+/** The view's state; all of it. */
+const view = {
+  /** @type {?ReviewSheet} Null while another view is shown. */
+  sheet: null,
+  label: "",
+  /** @type {Map<string, {page: SheetPage, cursor: ?number}>} By class: where the person was. */
+  places: new Map(),
+};
 
+/** @param {HTMLElement} root @param {string[]} words */
 async function show(root, [name]) {
   leave();
-  label = mission.classes.some((known) => known.name === name) ? name : firstLabelled();
-  const here = (sheet = new ReviewSheet(label));
+  view.label = mission.classes.some((known) => known.name === name) ? name : firstLabelled();
+  const here = (view.sheet = new ReviewSheet(view.label));
   root.replaceChildren(here.root);
   here.grid.focus();
   await lookAtShapes();
-  if (here !== sheet) return;
-  const place = places.get(label);
+  if (here !== view.sheet) return;
+  const place = view.places.get(view.label);
   if (place) here.show(place.page, place.cursor);
   else here.load(0);
 }
 
 function leave() {
+  const { sheet, label, places } = view;
   if (sheet?.page) places.set(label, { page: sheet.page, cursor: sheet.cursor() });
   sheet?.close();
-  sheet = null;
+  view.sheet = null;
 }
 
 function firstLabelled() {
@@ -243,23 +278,25 @@ function firstLabelled() {
   return classes.find(({ name }) => counts[name] > 0)?.name ?? classes[0].name;
 }
 
+/** @param {string} name */
 function addressOf(name) {
   return `#/sheet/${encodeURIComponent(name)}`;
 }
 
+/** @param {number} step */
 function turnClass(step) {
   const names = mission.classes.map((known) => known.name);
-  go(addressOf(names[(names.indexOf(label) + step + names.length) % names.length]));
+  go(addressOf(names[(names.indexOf(view.label) + step + names.length) % names.length]));
 }
 
-const row = sheetRow(() => sheet);
+const row = sheetRow(() => view.sheet);
 
 addView("sheet", {
   title: "Review sheet",
   show,
   hide: leave,
-  link: () => addressOf(label || firstLabelled()),
-  classKeys: (name) => sheet.relabel(name),
+  link: () => addressOf(view.label || firstLabelled()),
+  classKeys: (name) => view.sheet?.relabel(name),
   keys: [
     { keys: ["class key"], does: "relabel the selected patches" },
     row(["Delete", "Backspace"], "take their labels away", (it) => it.relabel(null)),
@@ -273,17 +310,17 @@ addView("sheet", {
     row(["m"], "more or less around each patch", changeMargin),
     row(["r"], "reload, in the newest order", (it) => it.reload()),
     ...lookKeys,
-    ...selectionKeys(() => sheet?.grid),
+    ...selectionKeys(() => view.sheet?.grid),
   ],
 });
 
-const refresh = () => sheet?.refresh();
+const refresh = () => view.sheet?.refresh();
 onLabels(soon(refresh));
 onChange(soon(refresh));
 onReload(() => {
-  places.clear();
-  sheet?.load(0);
+  view.places.clear();
+  view.sheet?.load(0);
 });
 onSetting((name) => {
-  if (["tileWidth", "tileMargin", "enhance"].includes(name)) sheet?.redraw();
+  if (["tileWidth", "tileMargin", "enhance"].includes(name)) view.sheet?.redraw();
 });

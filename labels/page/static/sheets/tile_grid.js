@@ -1,6 +1,6 @@
 // A scrolling grid of patch tiles, selected by mouse, by rectangle or by keyboard.
 
-import { el, setAttribute } from "../core/dom.js";
+import { el, part, setAttribute, targetOf } from "../core/dom.js";
 import { patchAspect } from "../core/pictures.js";
 import { ARROWS, arrowKeys } from "../core/patch_grid.js";
 import { TilePictures, patchInTile, putAt } from "./tile_pictures.js";
@@ -9,21 +9,42 @@ const DRAG_STARTS = 5; // CSS pixels
 let grids = 0;
 
 /**
+ * @import { KeyEntry } from "../core/keys.js"
+ * @import { Patch } from "../core/messages.js"
+ * @import { Point } from "../core/patch_grid.js"
+ * @import { Rectangle } from "./tile_pictures.js"
+ *
+ * A tile in words and what stands under its picture.
+ * @typedef {{name: string, lines: Node[], faded?: boolean}} Described
+ */
+
+/**
+ * What shows a grid; `showSelection()`: selection or cursor changed; `open(tile)`: it was double
+ * clicked.
+ * @template {Patch} T
+ * @typedef {{describe: (tile: T) => Described, showSelection: () => void, open: (tile: T) => void}}
+ *   GridHost
+ */
+
+/**
  * Which of a number of tiles are selected, and where the cursor is: as in a file manager, except
  * that a plain click adds to the selection, because odd patches lie scattered.
  */
-class TileSelection {
+export class TileSelection {
+  /** @param {number} count */
   constructor(count) {
     this.count = count;
     this.cursor = 0;
     this.anchor = 0;
     /** Whether a person put the cursor where it is; else it stands on the first tile. */
     this.pointed = false;
+    /** @type {Set<number>} */
     this.chosen = new Set();
-    this.before = null; // the selection before Shift began to extend it
+    /** @type {?Set<number>} The selection before Shift began to extend it. */
+    this.before = null;
   }
 
-  /** Put the cursor on a tile, without selecting it. */
+  /** Put the cursor on a tile, without selecting it. @param {number} index */
   place(index) {
     this.pointed = true;
     this.cursor = Math.max(0, Math.min(this.count - 1, index));
@@ -31,13 +52,13 @@ class TileSelection {
     this.before = null;
   }
 
-  /** Select the tile, or no longer. */
+  /** Select the tile, or no longer. @param {number} index */
   toggle(index) {
     this.place(index);
     if (!this.chosen.delete(index)) this.chosen.add(index);
   }
 
-  /** Select all from the last tile clicked to this one. */
+  /** Select all from the last tile clicked to this one. @param {number} index */
   extendTo(index) {
     this.before ??= new Set(this.chosen);
     this.cursor = Math.max(0, Math.min(this.count - 1, index));
@@ -46,7 +67,10 @@ class TileSelection {
     for (let tile = first; tile <= last; tile += 1) this.chosen.add(tile);
   }
 
-  /** Move the cursor by this many tiles; with `extend`, select what it passes. */
+  /**
+   * Move the cursor by this many tiles; with `extend`, select what it passes.
+   * @param {number} step @param {boolean} extend
+   */
   move(step, extend) {
     const target = this.cursor + step;
     this.pointed = true;
@@ -55,7 +79,10 @@ class TileSelection {
     else this.place(target);
   }
 
-  /** Add these tiles (or take them away) on top of an earlier selection. */
+  /**
+   * Add these tiles (or take them away) on top of an earlier selection.
+   * @param {Set<number>} earlier @param {number[]} tiles @param {boolean} remove
+   */
   sweep(earlier, tiles, remove) {
     const others = [...earlier].filter((tile) => !tiles.includes(tile));
     this.chosen = new Set(remove ? others : [...others, ...tiles]);
@@ -80,19 +107,24 @@ class TileSelection {
   }
 }
 
-/** Grid of tiles; a tile is anything with `camera`, `frame` and `cell`. */
+/**
+ * Grid of tiles.
+ * @template {Patch} T
+ */
 export class TileGrid {
   /**
    * `label`: what the grid holds, for screen readers; `captionLines`: lines kept free under each
-   * picture, 0: the caption stands over it. Of the sheet, `describe(tile)`: the tile in words and
-   * what stands under its picture, {name, lines: Node[], faded}; `showSelection()`: selection or
-   * cursor changed; `open(tile)`: it was double clicked.
+   * picture, 0: the caption stands over it.
+   * @param {string} label @param {number} captionLines @param {GridHost<T>} sheet
    */
   constructor(label, captionLines, sheet) {
     this.sheet = sheet;
     this.prefix = `tiles-${(grids += 1)}`;
+    /** @type {T[]} */
     this.tiles = [];
+    /** @type {HTMLElement[]} */
     this.elements = [];
+    this.height = 0; // of each picture, in CSS pixels
     this.selection = new TileSelection(0);
     /** Whether the mouse is held down on a tile. */
     this.busy = false;
@@ -110,7 +142,10 @@ export class TileGrid {
     });
   }
 
-  /** Show these tiles, as `resize` does. */
+  /**
+   * Show these tiles, as `resize` does.
+   * @param {T[]} tiles @param {{width: number, margin: number}} look
+   */
   show(tiles, look) {
     this.tiles = tiles;
     this.selection = new TileSelection(tiles.length);
@@ -120,12 +155,13 @@ export class TileGrid {
   /**
    * Show the same tiles, maybe at another size: width in CSS pixels, margin around each patch in
    * patches. Selection and cursor stay.
+   * @param {{width: number, margin: number}} look
    */
   resize({ width, margin }) {
     this.list.style.setProperty("--tile-width", `${width}px`);
     this.elements = this.tiles.map((tile, index) => this.#tile(tile, index, width, margin));
     this.list.replaceChildren(...this.elements);
-    const pictures = this.elements.map((element) => element.firstElementChild);
+    const pictures = this.elements.map((element) => part(element, "div"));
     this.pictures.show(this.tiles, pictures, { width, height: this.height, margin });
     this.refresh();
     this.sheet.showSelection();
@@ -137,7 +173,7 @@ export class TileGrid {
       const { name, lines, faded } = this.sheet.describe(this.tiles[index]);
       element.setAttribute("aria-label", name);
       element.classList.toggle("faded", Boolean(faded));
-      element.lastElementChild.replaceChildren(...lines);
+      element.lastElementChild?.replaceChildren(...lines);
     });
     this.#mark();
   }
@@ -152,7 +188,10 @@ export class TileGrid {
     return this.selection.targets().map((index) => this.tiles[index]);
   }
 
-  /** Change the selection by `change(selection)` and show it. */
+  /**
+   * Change the selection by `change(selection)` and show it.
+   * @param {(selection: TileSelection) => unknown} change
+   */
   select(change) {
     change(this.selection);
     this.#mark();
@@ -168,7 +207,7 @@ export class TileGrid {
   /** Tiles in one row, as laid out now. */
   columns() {
     const top = this.elements[0]?.offsetTop;
-    const second = this.elements.findIndex((element) => element.offsetTop > top);
+    const second = this.elements.findIndex((element) => element.offsetTop > (top ?? 0));
     return second < 0 ? Math.max(1, this.elements.length) : second;
   }
 
@@ -177,6 +216,7 @@ export class TileGrid {
     this.pictures.stop();
   }
 
+  /** @param {T} tile @param {number} index @param {number} width @param {number} margin */
   #tile(tile, index, width, margin) {
     this.height = Math.round(width * patchAspect(tile.camera));
     const picture = el("div", { class: "tile-picture" });
@@ -202,17 +242,21 @@ export class TileGrid {
     setAttribute(this.list, "aria-activedescendant", active);
   }
 
+  /** @param {Event} event */
   #indexOf(event) {
-    return this.elements.indexOf(event.target.closest(".tile"));
+    return this.elements.findIndex((element) => element.contains(targetOf(event)));
   }
 
+  /** @param {PointerEvent} event */
   #press(event) {
     if (event.button !== 0) return;
     const pressed = this.#indexOf(event);
     this.busy = true;
     const start = this.#point(event);
     const earlier = new Set(this.selection.chosen);
+    /** @type {?Rectangle} */
     let band = null;
+    /** @param {PointerEvent} move */
     const moved = (move) => {
       const rectangle = rectangleOf(start, this.#point(move));
       if (!band && Math.max(rectangle.width, rectangle.height) < DRAG_STARTS) return;
@@ -220,6 +264,7 @@ export class TileGrid {
       this.#sweep(band, earlier, move.ctrlKey);
     };
     const stop = new AbortController();
+    /** @param {PointerEvent} end */
     const ended = ({ type, shiftKey }) => {
       this.busy = false;
       stop.abort();
@@ -233,6 +278,7 @@ export class TileGrid {
     window.addEventListener("pointercancel", ended, { signal });
   }
 
+  /** @param {MouseEvent} event @returns {Point} */
   #point(event) {
     const box = this.element.getBoundingClientRect();
     return {
@@ -241,6 +287,7 @@ export class TileGrid {
     };
   }
 
+  /** @param {Rectangle} band @param {Set<number>} earlier @param {boolean} remove */
   #sweep(band, earlier, remove) {
     const every = [...this.elements.keys()];
     const hit = every.filter((index) => overlaps(band, this.elements[index]));
@@ -252,20 +299,34 @@ export class TileGrid {
   }
 }
 
-/** Rows of a view's table of keys that move the cursor of its grid and select. */
+/**
+ * @typedef {Pick<TileGrid<Patch>, "select" | "columns">} Selecting
+ * @typedef {(selection: TileSelection, event: KeyboardEvent, grid: Selecting) => unknown}
+ *   SelectionChange
+ */
+
+/**
+ * Rows of a view's table of keys that move the cursor of its grid and select.
+ * @param {() => Selecting | undefined} gridOf
+ */
 export function selectionKeys(gridOf) {
+  /** @type {(keys: string[], does: string, change: SelectionChange) => KeyEntry} */
   const row = (keys, does, change) => {
+    /** @param {KeyboardEvent} event */
     const run = (event) => {
       const grid = gridOf();
       grid?.select((selection) => change(selection, event, grid));
     };
     return { keys, does, run, group: "Selecting patches" };
   };
+  /** @type {SelectionChange} */
   const move = (selection, { key, shiftKey }, grid) => {
     const [down, right] = ARROWS[key];
     selection.move(down * grid.columns() + right, shiftKey);
   };
+  /** @type {SelectionChange} */
   const toEnd = (selection, { key }) => selection.place(key === "Home" ? 0 : selection.count - 1);
+  /** @type {SelectionChange} */
   const toggle = (selection) => selection.count && selection.toggle(selection.cursor);
   return [
     row(arrowKeys(), "move the cursor", move),
@@ -277,6 +338,7 @@ export function selectionKeys(gridOf) {
   ];
 }
 
+/** @param {Point} a @param {Point} b @returns {Rectangle} */
 function rectangleOf(a, b) {
   return {
     left: Math.min(a.x, b.x),
@@ -286,6 +348,7 @@ function rectangleOf(a, b) {
   };
 }
 
+/** @param {Rectangle} rectangle @param {HTMLElement} element */
 function overlaps({ left, top, width, height }, element) {
   const { offsetLeft: x, offsetTop: y, offsetWidth, offsetHeight } = element;
   return (

@@ -7,11 +7,25 @@ import { mission, setting } from "../core/mission.js";
 import { frameAspect, patchAspect, thumbAddress } from "../core/pictures.js";
 import { cellName, patchSize, rowCol } from "../core/patch_grid.js";
 
+/**
+ * @import { Patch } from "../core/messages.js"
+ *
+ * In pixels.
+ * @typedef {{left: number, top: number, width: number, height: number}} Rectangle
+ *
+ * How tiles look: a size in CSS pixels and a margin around each patch in patches.
+ * @typedef {{width: number, height: number, margin: number}} Look
+ * @typedef {{sprite: string, elements: HTMLElement[], look: Look, image: ?HTMLImageElement}} Chunk
+ */
+
 const COLUMNS = 10;
 const CHUNK = 20;
 const LARGEST = 256; // pixels; the server makes no larger tile
 
-// Address of one image with these patches, ten square tiles to a row.
+/**
+ * Address of one image with these patches, ten square tiles to a row.
+ * @param {Patch[]} tiles @param {number} width @param {number} margin
+ */
 function patchesAddress(tiles, width, margin) {
   const pixels = Math.round(width * Math.min(2, window.devicePixelRatio || 1));
   return address("/api/patches", {
@@ -24,7 +38,11 @@ function patchesAddress(tiles, width, margin) {
   });
 }
 
-// Show one tile of a sprite in an element as wide as a tile and of the patches' shape.
+/**
+ * Show one tile of a sprite in an element as wide as a tile and of the patches' shape.
+ * @param {HTMLElement} element @param {string} sprite @param {number} position
+ * @param {number} width @param {number} height
+ */
 function placeTile(element, sprite, position, width, height) {
   const [column, row] = [position % COLUMNS, Math.floor(position / COLUMNS)];
   // Tiles are square with the patch in their middle: what is above and below it is cut off.
@@ -34,7 +52,11 @@ function placeTile(element, sprite, position, width, height) {
   element.style.backgroundPosition = `${-column * width}px ${-top}px`;
 }
 
-/** The rectangle of the patch itself within its tile, which at a frame's edge is not the middle. */
+/**
+ * The rectangle of the patch itself within its tile, which at a frame's edge is not the middle.
+ * @param {Patch} patch @param {number} width @param {number} height @param {number} margin
+ * @returns {Rectangle}
+ */
 export function patchInTile({ camera, cell }, width, height, margin) {
   const { rows, cols } = mission.grid;
   const [row, col] = rowCol(cell);
@@ -53,7 +75,9 @@ export function patchInTile({ camera, cell }, width, height, margin) {
 
 /** Fills elements with the pictures of their patches as they scroll into view. */
 export class TilePictures {
+  /** @param {HTMLElement} scroller */
   constructor(scroller) {
+    /** @type {Map<Element, Chunk>} */
     this.chunkOf = new Map();
     this.observer = new IntersectionObserver((entries) => this.#seen(entries), {
       root: scroller,
@@ -62,12 +86,13 @@ export class TilePictures {
   }
 
   /**
-   * Show these patches, each in one of the elements. `look`: {width, height, margin}, a size in CSS
-   * pixels and a margin around each patch in patches.
+   * Show these patches, each in one of the elements.
+   * @param {Patch[]} tiles @param {HTMLElement[]} elements @param {Look} look
    */
   show(tiles, elements, look) {
     this.stop();
     for (let first = 0; first < tiles.length; first += CHUNK) {
+      /** @type {Chunk} */
       const chunk = {
         sprite: patchesAddress(tiles.slice(first, first + CHUNK), look.width, look.margin),
         elements: elements.slice(first, first + CHUNK),
@@ -88,6 +113,7 @@ export class TilePictures {
     this.chunkOf.clear();
   }
 
+  /** @param {IntersectionObserverEntry[]} entries */
   #seen(entries) {
     for (const entry of entries) {
       const chunk = this.chunkOf.get(entry.target);
@@ -96,13 +122,15 @@ export class TilePictures {
   }
 }
 
+/** @param {Chunk} chunk */
 function load(chunk) {
   const { sprite, elements, look } = chunk;
   const image = (chunk.image = new Image());
-  const place = (element, at) => placeTile(element, sprite, at, look.width, look.height);
-  image.addEventListener("load", () => elements.forEach(place));
+  image.addEventListener("load", () =>
+    elements.forEach((one, at) => placeTile(one, sprite, at, look.width, look.height)),
+  );
   image.addEventListener("error", () => {
-    if (image.src !== new URL(sprite, location).href) return; // no longer wanted
+    if (image.src !== new URL(sprite, location.href).href) return; // no longer wanted
     for (const element of elements) element.classList.add("no-picture");
   });
   image.src = sprite;
@@ -111,7 +139,7 @@ function load(chunk) {
 const PREVIEW = 240; // CSS pixels, the width of both pictures
 const PREVIEW_MARGIN = 1;
 
-/** A patch in words: "left 17, row 3, column 4". */
+/** A patch in words: "left 17, row 3, column 4". @param {Patch} patch */
 export function nameOf({ camera, frame, cell }) {
   return `${camera} ${frame}, ${cellName(cell)}`;
 }
@@ -131,7 +159,10 @@ export class PatchPreview {
     );
   }
 
-  /** Show a patch, and say these lines about it; without one hide. */
+  /**
+   * Show a patch, and say these lines about it; without one hide.
+   * @param {Patch | undefined} tile @param {string[]} lines
+   */
   show(tile, lines) {
     this.element.classList.toggle("nothing", !tile);
     if (!tile) return;
@@ -143,6 +174,7 @@ export class PatchPreview {
     );
   }
 
+  /** @param {Patch} tile */
   #showPatch(tile) {
     const height = Math.round(PREVIEW * patchAspect(tile.camera));
     this.patch.style.height = `${height}px`;
@@ -150,6 +182,7 @@ export class PatchPreview {
     putAt(this.patchMark, patchInTile(tile, PREVIEW, height, PREVIEW_MARGIN));
   }
 
+  /** @param {Patch} patch */
   #showFrame({ camera, frame, cell }) {
     const { width, height } = patchSize(PREVIEW, PREVIEW * frameAspect(camera));
     const source = thumbAddress(camera, frame, PREVIEW);
@@ -159,7 +192,12 @@ export class PatchPreview {
   }
 }
 
-/** Put an element where a rectangle {left, top, width, height} is, in pixels. */
+/**
+ * Put an element where a rectangle is.
+ * @param {HTMLElement} element @param {Rectangle} rectangle
+ */
 export function putAt(element, rectangle) {
-  for (const [side, value] of Object.entries(rectangle)) element.style[side] = `${value}px`;
+  for (const [side, value] of Object.entries(rectangle)) {
+    element.style.setProperty(side, `${value}px`);
+  }
 }

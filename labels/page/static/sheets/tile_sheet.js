@@ -19,6 +19,21 @@ const ALL = "all";
 const TILE_WIDTH = 110;
 const AGAIN_MS = 1000;
 
+/**
+ * @import { ApiError, Params } from "../core/api.js"
+ * @import { Child } from "../core/dom.js"
+ * @import { KeyEntry } from "../core/keys.js"
+ * @import { Answers, Patch } from "../core/messages.js"
+ * @import { Described } from "./tile_grid.js"
+ *
+ * A patch as the server named it, with what was said of it then.
+ * @typedef {Patch & {mine?: ?string, settled?: ?string}} SaidPatch
+ *
+ * Where a person is in a sheet: what is shown, from which patch on, the one pointed at.
+ * @typedef {{which: string, first: number, at: ?Patch, only?: ?{a: string, b: string},
+ *   unsure?: ?boolean}} SheetPlace
+ */
+
 /** What a sheet asks of the server, one thing at a time. */
 export class Asking {
   #asked = 0;
@@ -26,20 +41,29 @@ export class Asking {
   #event = 0; // up to which the last answer knows
   #timer = 0;
 
-  /** The answer; null if it fails, which `failed` hears of, or something was asked meanwhile. */
+  /**
+   * The answer; null if it fails, which `failed` hears of, or something was asked meanwhile.
+   * @template {keyof Answers} P
+   * @param {P} path @param {Params} params @param {(error: ApiError) => unknown} [failed]
+   * @returns {Promise<?Answers[P]>}
+   */
   async get(path, params, failed) {
     const mine = (this.#asked += 1);
     const event = mission.event;
     this.#busy += 1;
-    const explain = (error) => mine === this.#asked && failed?.(error);
     const request = get(path, params).finally(() => (this.#busy -= 1));
-    const answer = await request.catch(onFailure(explain));
+    const answer = await request.catch(
+      onFailure((error) => void (mine === this.#asked && failed?.(error))),
+    );
     if (!answer || mine !== this.#asked) return null;
     this.#event = event;
     return answer;
   }
 
-  /** Ask again by `work` in a while, if labels changed somewhere since the last answer. */
+  /**
+   * Ask again by `work` in a while, if labels changed somewhere since the last answer.
+   * @param {() => unknown} work
+   */
   soon(work) {
     if (this.#event === mission.event) return;
     clearTimeout(this.#timer);
@@ -57,22 +81,46 @@ export class Asking {
  * A grid of tiles and what stands beside it. A sheet says of its tiles `describe(tile)` (as
  * `TileGrid` takes it), `about(tile)` (lines under the preview) and `chosenWords(count)` (before
  * the buttons that act on the selected ones).
+ * @template {Patch} T
  */
 export class TileSheet {
+  /** @param {string} label @param {number} captionLines */
   constructor(label, captionLines) {
+    /** @type {TileGrid<T>} */
     this.grid = new TileGrid(label, captionLines, this);
     this.preview = new PatchPreview();
     this.chosen = el("span", { class: "sheet-chosen", role: "status" });
     this.tiles = el("div", { class: "tiles-and-preview" }, this.grid.element, this.preview.element);
   }
 
-  /** The bar of what can be done to the selected patches. */
+  /** @param {T} _tile @returns {Described} */
+  describe(_tile) {
+    throw new Error("a sheet describes its tiles");
+  }
+
+  /** @param {T} _tile @returns {string[]} */
+  about(_tile) {
+    return [];
+  }
+
+  /** @param {number} _count */
+  chosenWords(_count) {
+    return "";
+  }
+
+  /**
+   * The bar of what can be done to the selected patches.
+   * @param {string} label @param {...Child} children
+   */
   bar(label, ...children) {
     const options = { class: "bar", role: "group", "aria-label": label };
     return el("div", options, this.chosen, ...children);
   }
 
-  /** Show these tiles, and load the labels of their frames: they say what was done since. */
+  /**
+   * Show these tiles, and load the labels of their frames: they say what was done since.
+   * @param {T[]} tiles @param {{width: number, margin: number}} look @param {?number} cursor
+   */
   showTiles(tiles, look, cursor) {
     prefetchOf(tiles);
     this.grid.show(tiles, look);
@@ -109,7 +157,7 @@ export class TileSheet {
     this.open(tile);
   }
 
-  /** Open the frame of a patch. */
+  /** Open the frame of a patch. @param {Patch} patch */
   open({ camera, frame, cell }) {
     go(`#/label/${camera}/${frame}/${cell}`);
   }
@@ -124,30 +172,56 @@ export class TileSheet {
  * A sheet of `patches` on which people decide. It says of a patch `decisionOn(patch)` (a class;
  * null while it is open), `opinions(patch)` ([mark, class, words] of each caption line) and
  * `decisionWords(decision)`; and `emptyWords()` where there is no patch to show.
+ * @template {SaidPatch} T
+ * @extends {TileSheet<T>}
  */
 export class DecisionSheet extends TileSheet {
   /**
    * `label`: what the grid holds; `filters`: what is filtered, for screen readers; `decided`: the
    * word for patches that are not open; `margin` around each patch, in patches; `place`: where the
-   * person was, from `place()`, or nothing.
+   * person was, or nothing.
+   * @param {{label: string, filters: string, decided: string, margin: number,
+   *   place?: ?Partial<SheetPlace>}} options
    */
   constructor({ label, filters, decided, margin, place }) {
     super(label, 3);
+    /** @type {T[]} */
     this.patches = [];
     this.which = [OPEN, decided, ALL];
     this.look = { width: TILE_WIDTH, margin };
+    /** @type {SheetPlace} */
     this.view = { which: OPEN, first: 0, at: null, ...place };
     this.filters = el("span", { class: "pager", role: "group", "aria-label": filters });
   }
 
-  /** Where the person is, to come back to. */
+  /** @param {T} _patch @returns {?string} */
+  decisionOn(_patch) {
+    return null;
+  }
+
+  /** @param {T} _patch @returns {[mark: string, name: string, words: string][]} */
+  opinions(_patch) {
+    return [];
+  }
+
+  /** @param {?string} decision */
+  decisionWords(decision) {
+    return decision ?? "";
+  }
+
+  emptyWords() {
+    return "";
+  }
+
+  /** Where the person is, to come back to. @returns {SheetPlace} */
   place() {
     return { ...this.view, ...(this.cursor() !== null && { at: this.grid.current() }) };
   }
 
   /** Show the patches from where the person is; the one pointed `at` also if it does not match. */
   show(at = this.place().at) {
-    const isAt = (patch) => at && nameOf(patch) === nameOf(at);
+    /** @param {T} patch */
+    const isAt = (patch) => (at ? nameOf(patch) === nameOf(at) : false);
     const matching = new Set(this.matching(this.view.which));
     const all = this.patches.filter((patch) => matching.has(patch) || isAt(patch));
     const found = all.findIndex(isAt);
@@ -170,7 +244,7 @@ export class DecisionSheet extends TileSheet {
     this.grid.resize(this.look);
   }
 
-  /** Show other patches. */
+  /** Show other patches. @param {Partial<SheetPlace>} change */
   choose(change) {
     Object.assign(this.view, { first: 0, at: null }, change);
     this.show(null);
@@ -182,7 +256,7 @@ export class DecisionSheet extends TileSheet {
     this.choose({ which: which[(which.indexOf(this.view.which) + 1) % which.length] });
   }
 
-  /** Go some pages on. */
+  /** Go some pages on. @param {number} step */
   turn(step) {
     const first = this.view.first + step * PAGE;
     if (first < 0) say("This is the first page.");
@@ -190,11 +264,15 @@ export class DecisionSheet extends TileSheet {
     else this.choose({ first });
   }
 
-  /** Whether a patch is shown at all; a sheet may leave some out. */
-  keeps() {
+  /**
+   * Whether a patch is shown at all; a sheet may leave some out.
+   * @param {T} _patch @returns {boolean}
+   */
+  keeps(_patch) {
     return true;
   }
 
+  /** @param {string} which */
   matching(which) {
     const kept = this.patches.filter((patch) => this.keeps(patch));
     if (which === ALL) return kept;
@@ -204,12 +282,14 @@ export class DecisionSheet extends TileSheet {
   /**
    * Select nothing; who decided on the `single` patch under the cursor goes on to the next that is
    * not one of the `decided`: the server may not have told of these yet.
+   * @param {boolean} single @param {T[]} [decided]
    */
   goOn(single, decided = []) {
     this.grid.select((selection) => {
       selection.clear();
       if (!single) return;
       const { cursor } = selection;
+      /** @param {T} patch @param {number} at */
       const isOpen = (patch, at) =>
         at > cursor && !decided.includes(patch) && this.decisionOn(patch) === null;
       const next = this.grid.tiles.findIndex(isOpen);
@@ -230,7 +310,7 @@ export class DecisionSheet extends TileSheet {
     this.filters.replaceChildren(...filters, ...this.moreFilters(), ...pages);
   }
 
-  /** Further buttons among the filters. */
+  /** Further buttons among the filters. @returns {HTMLElement[]} */
   moreFilters() {
     return [];
   }
@@ -240,6 +320,7 @@ export class DecisionSheet extends TileSheet {
     this.grid.element.dataset.empty = this.grid.tiles.length === 0 ? this.emptyWords() : "";
   }
 
+  /** @param {T} patch @returns {Described} */
   describe(patch) {
     const decision = this.decisionOn(patch);
     const opinions = this.opinions(patch);
@@ -251,33 +332,48 @@ export class DecisionSheet extends TileSheet {
   }
 }
 
-/** One of the tabs that lead from sheet to sheet: its words, how many patches it has. */
+/**
+ * One of the tabs that lead from sheet to sheet: its words, how many patches it has.
+ * @param {Child} words @param {number} patches @param {string} href @param {boolean} isCurrent
+ */
 export function tab(words, patches, href, isCurrent) {
   const options = { class: "tab", href, "aria-current": isCurrent && "page" };
   const count = el("span", { class: "count", text: patches.toLocaleString("en") });
   return el("a", options, words, count);
 }
 
+/** @param {string} mark @param {string} name */
 function captionLine(mark, name) {
   return el("span", {}, el("b", { text: mark }), swatch(name), el("span", { text: name }));
 }
 
-/** What is settled of a patch, with what has not reached the server yet. */
+/**
+ * What is settled of a patch, with what has not reached the server yet.
+ * @param {SaidPatch} patch
+ */
 export function settledOf(patch) {
   return nowOf(patch, "settled");
 }
 
-/** The person's own label of a patch, with what has not reached the server yet. */
+/**
+ * The person's own label of a patch, with what has not reached the server yet.
+ * @param {SaidPatch} patch
+ */
 export function mineOf(patch) {
   return nowOf(patch, "mine");
 }
 
+/** @param {SaidPatch} patch @param {"mine" | "settled"} what */
 function nowOf(patch, what) {
   const known = labelsOf(patch.camera, patch.frame);
-  return known ? known[what][patch.cell] : patch[what];
+  return (known ? known[what][patch.cell] : patch[what]) ?? null;
 }
 
-/** Give patches other labels of one's own; null takes them away. Gives how many change. */
+/**
+ * Give patches other labels of one's own; null takes them away. Gives how many change.
+ * @template {SaidPatch} T
+ * @param {T[]} patches @param {(one: T) => ?string} labelFor @param {string} [kind]
+ */
 export function relabel(patches, labelFor, kind = "relabel") {
   const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: mineOf(one) }));
   return actOn(kind, wanted);
@@ -286,16 +382,26 @@ export function relabel(patches, labelFor, kind = "relabel") {
 /**
  * Settle patches: both opinions stay, and what holds stands beside them; null takes it back. Gives
  * how many change.
+ * @template {SaidPatch} T
+ * @param {T[]} patches @param {(one: T) => ?string} labelFor @param {string} [kind]
  */
 export function settle(patches, labelFor, kind = "settle") {
   const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: settledOf(one) }));
   return actOn(kind, wanted, { source: "settled" });
 }
 
-/** Makes rows of a view's table of keys that only work while its sheet is shown. */
+/**
+ * Makes rows of a view's table of keys that only work while its sheet is shown.
+ * @template S
+ * @param {() => ?S} sheetOf
+ * @returns {(keys: string[], does: string, act: (sheet: S) => unknown) => KeyEntry}
+ */
 export function sheetRow(sheetOf) {
   return (keys, does, act) => {
-    const run = () => (sheetOf() ? act(sheetOf()) : false);
+    const run = () => {
+      const sheet = sheetOf();
+      return sheet ? act(sheet) : false;
+    };
     return { keys, does, run };
   };
 }

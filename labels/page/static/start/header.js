@@ -1,13 +1,18 @@
 // The header: mission, who works here, and whether everything is saved.
 
 import { onFailure } from "../core/api.js";
-import { announce, button, el, say, setText } from "../core/dom.js";
+import { complain } from "../core/controls.js";
+import { announce, button, byId, dialogById, el, setText } from "../core/dom.js";
 import { mission, onChange, setPerson, who } from "../core/mission.js";
 import { showProgress } from "../core/progress.js";
 import { lastPerson } from "../core/settings.js";
 import { listenAnew } from "../saving/live.js";
 import { onState, pending, state, stateReason, tryNow } from "../saving/saver.js";
 
+/** @import { SaveState } from "../saving/saver.js" */
+/** @typedef {{who: string, blind?: boolean}} Person */
+
+/** @type {Record<SaveState, (count: number) => string>} */
 const WORDS = {
   saved: () => "All saved",
   saving: (n) => `Saving ${n}…`,
@@ -17,8 +22,8 @@ const WORDS = {
 // A number that changes with every stroke is not worth reading out; a lasting state is.
 const READ_OUT_MS = 700;
 
-let readTimer = 0;
-let lastRead = "saved";
+/** What was read out last, and when it is looked at again. */
+const read = { state: /** @type {SaveState} */ ("saved"), timer: 0 };
 
 /** Fill the header and keep it up to date. */
 export function startHeader() {
@@ -28,10 +33,6 @@ export function startHeader() {
   onChange(showMission);
   showMission();
   showState();
-}
-
-function byId(id) {
-  return document.getElementById(id);
 }
 
 function showMission() {
@@ -51,14 +52,14 @@ function showState() {
   box.dataset.state = now;
   box.title = stateReason() || "Every action is on the server's disk.";
   byId("try-now").hidden = now === "saved" || now === "saving";
-  clearTimeout(readTimer);
-  readTimer = setTimeout(readOut, READ_OUT_MS);
+  clearTimeout(read.timer);
+  read.timer = setTimeout(readOut, READ_OUT_MS);
 }
 
 function readOut() {
-  if (state() === lastRead) return;
-  lastRead = state();
-  announce(`${WORDS[lastRead](pending())}. ${stateReason()}`);
+  if (state() === read.state) return;
+  read.state = state();
+  announce(`${WORDS[read.state](pending())}. ${stateReason()}`);
 }
 
 /** Ask who works here until somebody said so. */
@@ -69,16 +70,19 @@ export async function askPerson() {
 /**
  * Let a person say who works here; without an answer nothing changes. `take({who, blind})`, whose
  * promise is waited for, takes the answer.
+ * @param {(person: Person) => Promise<void>} take
  */
 function personDialog(take) {
-  const dialog = byId("person-dialog");
+  const dialog = dialogById("person-dialog");
   const last = lastPerson();
   const hid = who() ? mission.blind : Boolean(last.blind);
   const name = el("input", {
     id: "person-name", value: last.who ?? mission.annotator, maxlength: 60, required: true,
   });
   const hides = el("input", { id: "person-blind", type: "checkbox", checked: hid });
+  /** @type {?Person} */
   let chosen = null;
+  /** @param {Event} event */
   const choose = (event) => {
     event.preventDefault();
     // Somebody else who is blind stays so, unless that was meant.
@@ -108,9 +112,9 @@ function personDialog(take) {
   });
 }
 
+/** @param {Person} change */
 async function become(change) {
-  const words = "Not done, or not loaded anew:";
-  const explain = ({ message }) => say(`${words} ${message}`, { bad: true, stays: true });
+  const explain = complain("Not done, or not loaded anew:", { stays: true });
   const showAnew = () => {
     showMission();
     listenAnew();

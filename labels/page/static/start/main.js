@@ -2,8 +2,9 @@
 
 import "../frame/frame_view.js";
 import { whereStopped } from "../labelling/steps.js";
+import { ApiError } from "../core/api.js";
 import { askObstacleClass } from "../labelling/obstacle_class.js";
-import { el } from "../core/dom.js";
+import { byId, el } from "../core/dom.js";
 import { askPerson, startHeader } from "./header.js";
 import { addGlobalKeys, listen, toggleHelp } from "../core/keys.js";
 import { startListening } from "../saving/live.js";
@@ -21,9 +22,9 @@ async function start() {
     await loadMission();
     await askPerson();
   } catch (error) {
-    if (error.name !== "ApiError") throw error;
+    if (!(error instanceof ApiError)) throw error;
     const text = `The mission cannot be shown: ${error.message}. Trying again…`;
-    document.getElementById("view").replaceChildren(el("p", { class: "loading", text }));
+    byId("view").replaceChildren(el("p", { class: "loading", text }));
     setTimeout(start, RETRY_MS);
     return;
   }
@@ -35,9 +36,10 @@ async function start() {
     { keys: ["Ctrl+Z", "z"], does: "undo, and go to the frame it changed", run: stepBack },
     { keys: ["Ctrl+Shift+Z", "Ctrl+Y", "Z"], does: "redo", run: stepForward },
   ]);
-  document.getElementById("help-button").addEventListener("click", toggleHelp);
+  byId("help-button").addEventListener("click", toggleHelp);
   listen();
   // Only what most visits begin with is loaded at once.
+  /** @param {string} view @returns {(again: string) => Promise<unknown>} */
   const later = (view) => (again) => import(`../${view}_view.js${again}`);
   addLaterView("overview", "Overview", later("overview/overview"));
   addLaterView("sheet", "Review sheet", later("sheets/sheet"));

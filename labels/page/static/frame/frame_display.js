@@ -1,0 +1,201 @@
+// What the view of one frame shows of its state: labels, the cursor, the status line, the buttons.
+
+import { get, onFailure } from "../core/api.js";
+import { allow } from "../core/controls.js";
+import { announce, el, setAttribute } from "../core/dom.js";
+import { frameIndex, mission, selectedClass, setting } from "../core/mission.js";
+import { hintsOf, restOf } from "../labelling/painting.js";
+import { nextIn, stepFrom } from "../labelling/steps.js";
+import { suggestionFault } from "../labelling/suggest.js";
+import { labelsOf, prefetch } from "../saving/labels.js";
+import { isAway, pending, state } from "../saving/saver.js";
+import { describeCell, describeFrame, describeInfo } from "./frame_bar.js";
+import { isHere, page, view } from "./frame_state.js";
+import { noteWords } from "./notes.js";
+
+/** @import { SettingName } from "../core/settings.js" */
+/** @import { Viewport } from "./viewport.js" */
+
+const PICTURE_SETTING_MS = 120;
+const PENDING_MS = 300;
+const BEGIN = "Choose a class, then click or drag over patches.";
+
+/**
+ * Labels of a frame are there, or changed; nulls: of all frames.
+ * @param {?string} camera @param {?number} frame
+ */
+export function labelsArrived(camera, frame) {
+  if (isHere(camera, frame)) showLabels();
+  else if (camera === page().show.beside && frame === page().show.frame) page().beside.update();
+  else if (camera === page().show.camera && Number(frame) < page().show.frame) showFollowed();
+}
+
+// Suggestions follow from frames before: a whole chain of them arrives at once.
+function showFollowed() {
+  clearTimeout(page().timers.followed);
+  page().timers.followed = setTimeout(() => view.page && showLabels());
+}
+
+/** Read out which frame is shown. */
+export function readOut() {
+  const { camera, frame, fault } = page().show;
+  announce(view.why || fault || describeFrame(camera, frame, page().canvas.content.labels));
+}
+
+/** Ask when and where the frame was taken, where the mission says so. */
+export async function askInfo() {
+  const { camera, frame } = page().show;
+  if (!mission.described || frameIndex(camera, frame) < 0) return;
+  const request = get("/api/frame_info", { camera, frame });
+  const said = await request.catch(onFailure(({ message }) => message));
+  if (!view.page || !said || !isHere(camera, frame)) return;
+  page().info = typeof said === "string" ? said : describeInfo(said);
+  showStatus();
+}
+
+/** Another frame or picture is shown. */
+export function showAll() {
+  page().timeline.set(page().show.camera, page().show.frame);
+  showLabels();
+}
+
+/** Show the frame's labels and what is proposed for it. */
+export function showLabels() {
+  const { camera, frame, fault, ready } = page().show;
+  const labels = ready && !fault ? labelsOf(camera, frame) : null;
+  page().hints = labels ? hintsOf(camera, frame) : [];
+  page().canvas.set({ labels, hints: page().hints });
+  page().beside.update();
+  if (!labels && ready && !fault) prefetch(camera, [frame]);
+  showCursor();
+  showSaving();
+  showTools();
+}
+
+/** Show the cursor and the rectangle that it spans. */
+export function showCursor() {
+  page().canvas.set({
+    cursor: view.cursor.visible ? view.cursor.cell : null,
+    selection: view.cursor.spans ? view.cursor.cells : [],
+  });
+  showStatus();
+}
+
+/**
+ * Mark what is not saved yet. A mark on each patch would flash with every stroke: only what takes
+ * longer is marked.
+ */
+export function showSaving() {
+  const cells = page().canvas.content.labels?.pending ?? [];
+  clearTimeout(page().timers.pending);
+  if (!pending() || state() !== "saving") page().canvas.set({ pending: cells });
+  else {
+    page().timers.pending = setTimeout(() => view.page?.canvas.set({ pending: cells }), PENDING_MS);
+  }
+  if (isAway(page().savedState) && !isAway(state())) page().show.retry();
+  page().savedState = state();
+}
+
+/** The patch under the pointer, or else under the cursor; null where there is none. */
+export function cellAtHand() {
+  if (page().hovered >= 0) return page().hovered;
+  return view.cursor.visible ? view.cursor.cell : null;
+}
+
+/** Show the status line. */
+export function showStatus() {
+  const { camera, frame, fault } = page().show;
+  const cell = cellAtHand();
+  const labels = page().canvas.content.labels;
+  const first = fault || describeFrame(camera, frame, labels);
+  const parts = labels && cell !== null ? [describeCell(cell, labels, page().hints[cell])] : [];
+  if (labels) parts.push(...noteWords(labels.notes, cell));
+  if (!parts.length && page().info) parts.push(page().info);
+  else if (!parts.length && !Object.values(mission.counts).some(Boolean)) parts.push(BEGIN);
+  const said = parts.join(", ");
+  const hint = cell === null ? null : page().hints[cell];
+  const value = hint?.model ? ` (decision value ${hint.text})` : "";
+  const words = view.why
+    ? [el("span", { class: "why", text: view.why })]
+    : [el("span", { text: said, title: said + value })];
+  page().status.replaceChildren(el("b", { text: first }), ...words);
+  page().element.setAttribute(
+    "aria-label",
+    `Patches of ${camera} frame ${frame}. Arrow keys move, Space paints ${selectedClass()}.`,
+  );
+}
+
+/** Show what buttons do here. */
+export function showTools() {
+  const { camera, frame, raw, showsBefore, blinking } = page().show;
+  const proposed = page().hints.filter((hint) => hint !== null);
+  const strong = proposed.filter((hint) => hint.strong).length;
+  page().tools.show(view.tool === "paint" ? selectedClass() : view.tool);
+  const counted = `${strong} of ${proposed.length} suggested patches sure`;
+  const nothing = "Nothing is suggested here.";
+  page().drawer.show(suggestionFault(camera, frame) || (proposed.length ? counted : nothing));
+  page().bar.show(camera, frame);
+  const blink = Boolean(blinking || showsBefore);
+  /** @type {Record<string, boolean>} */
+  const on = { raw, blink, grid: setting("grid"), outlines: setting("outlines") };
+  for (const made of page().toggles) {
+    setAttribute(made, "aria-pressed", String(on[made.dataset.command ?? ""]));
+  }
+  const cannot = cannotDo(strong);
+  for (const made of page().root.getElementsByTagName("button")) {
+    const why = cannot[made.dataset.command ?? ""];
+    if (why !== undefined) allow(made, why);
+  }
+}
+
+/**
+ * Why commands would do nothing here; "" for those that would.
+ * @param {number} strong @returns {Record<string, string>}
+ */
+export function cannotDo(strong) {
+  const { camera, frame, before, fault } = page().show;
+  const labels = page().canvas.content.labels;
+  /** @param {string} states */
+  const none = (states) => nextIn(camera, frame, states) === null;
+  /** @param {unknown} holds @param {string} why */
+  const no = (holds, why) => (holds ? why : "");
+  const done = labels && !restOf(camera, frame, page().hints).cells.length;
+  const lost = no(fault, "There is no picture to label here.");
+  const { blind: isBlind } = mission;
+  return {
+    acceptNext: lost || no(labels && !strong, "Nothing sure is suggested here."),
+    rest: lost || no(done, "No patch is left for it."),
+    copy: lost || no(before === null, "This is the first frame."),
+    carry: lost || no(camera !== "right", "Labels go from the left camera to the right one.") ||
+      no(!mission.carries, "No calibration was given: start tokt label with --calibration."),
+    blink: no(before === null, "This is the first frame."),
+    previous: no(stepFrom(camera, frame, -1) === null, "No frame before (of this filter)."),
+    next: no(stepFrom(camera, frame, 1) === null, "No further frame (of this filter)."),
+    unlabelled: no(!isBlind && none("us"), "There is no other frame without a label of yours."),
+    uncertain: no(!mission.model, isBlind ? "Not while blind." : "There is no model to ask."),
+  };
+}
+
+/** Something of the mission changed. @param {string} what */
+export function showChanged(what) {
+  if (what === "all") page().show.retry();
+  page().timeline.set(page().show.camera, page().show.frame);
+  showStatus();
+  showTools();
+}
+
+/** A setting changed. @param {SettingName} name */
+export function showSetting(name) {
+  if (name === "enhance") {
+    clearTimeout(page().timers.picture);
+    page().timers.picture = setTimeout(() => view.page?.show.loadPicture(), PICTURE_SETTING_MS);
+  }
+  if (name === "filter") page().timeline.invalidate();
+  showLabels();
+}
+
+/** Change what part of the frame is seen. @param {(viewport: Viewport) => void} change */
+export function look(change) {
+  change(page().canvas.viewport);
+  page().canvas.invalidate();
+}

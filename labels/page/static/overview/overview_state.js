@@ -1,0 +1,67 @@
+// The state of the overview: what is on the page, and what outlasts it.
+
+/**
+ * @import { OverviewBar } from "./overview_bar.js"
+ * @import { Thumb } from "./thumb.js"
+ * @import { Cells } from "./thumb_painting.js"
+ *
+ * Patches by what would happen to them; `waiting`: frames of which that is not known.
+ * @typedef {{strong: number, weak: number, open: number, waiting: number}} Tally
+ *
+ * The elements on show.
+ * @typedef {{host: HTMLElement, root: HTMLElement, list: HTMLElement, bar: OverviewBar,
+ *   resized: ResizeObserver}} Parts
+ */
+
+/**
+ * What is shown of a camera from a frame on.
+ * @typedef {Object} Sheet
+ * @property {string} camera
+ * @property {number} first
+ * @property {?number} asked        A frame to see, whatever is filtered.
+ * @property {Set<number>} excluded Frames that are left out.
+ * @property {Thumb[]} thumbs
+ * @property {number} count         Thumbnails that fit.
+ * @property {number} width         Of each one's picture, in CSS pixels.
+ * @property {number} focus         The thumbnail that the keyboard is on.
+ * @property {?number} cell         The patch there.
+ * @property {?{cells: Cells, label: string}} stroke  That goes on.
+ * @property {Set<Thumb>} touched   By the stroke.
+ * @property {(camera: string, frame: number) => boolean} passes  The filter.
+ */
+
+/** The view's state; all of it. */
+export const view = {
+  /** @type {?Parts} Null while another view is shown. */
+  parts: null,
+  /** @type {?Sheet} Null until the shape of its pictures is known. */
+  page: null,
+  /** @type {?Sheet} The one asked for last: where the person was, to come back to. */
+  last: null,
+  /** @type {?string} The key of what was painted since the button went down. */
+  painted: null,
+  /** @type {(?string)[]} The same of clicks that follow one another, as those of a double click. */
+  clicks: [],
+};
+
+/** The elements on show; only to be asked while the view is shown. */
+export function parts() {
+  if (!view.parts) throw new Error("the overview is not shown");
+  return view.parts;
+}
+
+/** What is shown; only to be asked while something is. */
+export function page() {
+  if (!view.page) throw new Error("the overview shows nothing yet");
+  return view.page;
+}
+
+/** A page from a frame on, with nothing on it yet. @param {string} camera @param {number} first */
+export function newPage(camera, first) {
+  /** @type {Sheet} */
+  const made = {
+    camera, first, asked: null, excluded: new Set(), thumbs: [], count: 0, width: 0, focus: 0,
+    cell: null, stroke: null, touched: new Set(), passes: () => true,
+  };
+  return made;
+}
