@@ -1,0 +1,104 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+import { mission, setSetting } from "../../../../labels/page/static/core/mission.js";
+import { hintsOf, leftWords, restOf } from "../../../../labels/page/static/labelling/painting.js";
+import {
+  asksObstacleClass, framesFollowed, modelObstacles, obstacleClass, obstacleClasses, percentRight,
+  suggestedLabels,
+} from "../../../../labels/page/static/labelling/suggest.js";
+import { prefetch } from "../../../../labels/page/static/saving/labels.js";
+import { MODEL, answers, loaded } from "./missions.js";
+
+let event = 100;
+
+/** Let frames of the left camera have labels of mine, and suggestions [class, value] a patch. */
+async function labelled(byFrame) {
+  event += 100;
+  const frames = Object.entries(byFrame).map(([frame, { mine, says }]) => ({
+    camera: "left", frame: Number(frame), mine, models: {}, others: {}, notes: [],
+    settled: mine.map(() => null),
+    suggestions: says && {
+      model: MODEL.label, classes: says.map(([index]) => index), values: says.map(([, v]) => v), fault: "",
+    },
+  }));
+  answers({ "/api/labels": { event, frames } });
+  const { labelsAreStale } = await import("../../../../labels/page/static/saving/labels.js");
+  labelsAreStale(frames.map(({ camera, frame }) => [camera, frame]), event);
+  await prefetch("left", frames.map(({ frame }) => frame));
+}
+
+const NONE = [null, null];
+const OBSTACLE = 0;
+const CLEAR = 1;
+
+beforeEach(() => loaded({ model: { ...MODEL } }));
+
+test("the obstacle class is what somebody said, else what the model learnt most", () => {
+  assert.deepEqual(obstacleClasses(), ["reef", "sand"]);
+  assert.equal(obstacleClass(), "reef");
+  assert.equal(asksObstacleClass(), true); // two were learnt and nobody said which
+  mission.settings = { obstacle_as: "sand" };
+  assert.deepEqual([obstacleClass(), asksObstacleClass()], ["sand", false]);
+});
+
+test("how sure the page says a model is comes from its own measured patches", () => {
+  assert.equal(percentRight(true, 0.5), 80);
+  assert.equal(percentRight(true, 1), 97); // a range begins with its lower end
+  assert.equal(percentRight(true, 50), 97); // and the last one has no end
+  assert.equal(percentRight(false, 0), 99);
+  assert.equal(percentRight(false, -1), null);
+});
+
+test("the chain before a frame ends where numbers jump and where all is labelled", () => {
+  assert.deepEqual(framesFollowed("left", 13), [12, 11]); // 11 is done
+  assert.deepEqual(framesFollowed("left", 20), []); // 13 is more than 5 away
+  setSetting("follow", 0);
+  assert.deepEqual(framesFollowed("left", 13), []);
+});
+
+test("a suggestion is what the model says, sure from the threshold on", async () => {
+  await labelled({ 20: { mine: NONE, says: [[OBSTACLE, 0.4], [CLEAR, 0.6]] } });
+  const [first, second] = suggestedLabels("left", 20);
+  assert.deepEqual([first.label, first.confident, first.percent], ["reef", false, 80]);
+  assert.deepEqual([second.label, second.confident, second.percent], ["water", true, 99]);
+  assert.deepEqual(modelObstacles("left", 20), [true, false]);
+});
+
+test("what was labelled before is kept against a weak model, but no obstacle is overlooked", async () => {
+  await labelled({
+    11: { mine: ["sand", "water"], says: [[OBSTACLE, 1], [CLEAR, 1]] },
+    12: { mine: NONE, says: [[CLEAR, 1.9], [OBSTACLE, 0.1]] },
+  });
+  const [kept, seen] = suggestedLabels("left", 12);
+  assert.deepEqual([kept.label, kept.against, kept.confident], ["sand", true, false]);
+  assert.deepEqual([seen.label, seen.against], ["reef", false]);
+  await labelled({ 12: { mine: NONE, says: [[CLEAR, 2], [OBSTACLE, 0.1]] } });
+  assert.equal(suggestedLabels("left", 12)[0].label, "water"); // from "follow" on the model counts
+});
+
+test("a proposal kept from the frame before carries no model and is marked", async () => {
+  await labelled({
+    11: { mine: ["sand", null], says: [[OBSTACLE, 1], [CLEAR, 1]] },
+    12: { mine: NONE, says: [[OBSTACLE, 1], [CLEAR, 1]] },
+  });
+  const [kept, own] = hintsOf("left", 12);
+  assert.deepEqual([kept.label, kept.text, kept.model, kept.kept], ["sand", "→", null, true]);
+  assert.deepEqual([own.label, own.text, own.model, own.kept], ["water", "1.00", MODEL.label, false]);
+});
+
+test("one key for the rest leaves out what the model calls an obstacle", async () => {
+  await labelled({ 20: { mine: NONE, says: [[OBSTACLE, 0.1], [CLEAR, 1]] } });
+  assert.deepEqual(restOf("left", 20), { cells: [1], left: 1, waits: false });
+  await labelled({ 20: { mine: NONE, says: null } });
+  assert.deepEqual(restOf("left", 20), { cells: [], left: 2, waits: true });
+  assert.equal(leftWords(0), "");
+  assert.match(leftWords(1), /^1 patch stays open/);
+});
+
+test("another model's suggestions, or none for the blind, are not shown", async () => {
+  await labelled({ 20: { mine: NONE, says: [[OBSTACLE, 0.4], [CLEAR, 0.6]] } });
+  mission.model.label = "obstacles 4";
+  assert.equal(suggestedLabels("left", 20), null);
+  mission.blind = true;
+  assert.deepEqual(modelObstacles("left", 20), []);
+});
