@@ -2,7 +2,7 @@
 
 import { onFailure } from "../core/api.js";
 import { complain } from "../core/controls.js";
-import { endToast, say } from "../core/dom.js";
+import { byId, endToast, say } from "../core/dom.js";
 import { frames, mission } from "../core/mission.js";
 import { showProgress } from "../core/progress.js";
 import { noteAddress } from "../core/router.js";
@@ -38,8 +38,10 @@ export function show(camera, frame, playing = false) {
   noteAddressSoon(`#/label/${camera}/${frame}`);
   clearTimeout(page().timers.announce);
   page().info = "";
+  const announced = byId("announcer").textContent;
   page().timers.announce = setTimeout(() => {
-    readOut();
+    // What the person did on the frame meanwhile is not read over.
+    if (byId("announcer").textContent === announced) readOut();
     askInfo();
   }, READ_OUT_MS);
   showLabels();
