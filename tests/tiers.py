@@ -5,6 +5,7 @@ these are. A test that belongs to another tier than its folder is marked with th
 """
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path, PurePosixPath
 
 from hypothesis import settings
@@ -68,6 +69,7 @@ def _within(path: PurePosixPath, folder: str) -> bool:
     return path.is_relative_to(folder) or folder in path.parts[:-1]
 
 
+@cache
 def tier_of(path: Path) -> Tier:
     """The tier of a test file's folder."""
     if path.is_relative_to(STUDIES):
@@ -80,6 +82,7 @@ def tier_of(path: Path) -> Tier:
     )
 
 
+@cache
 def is_proof(path: Path) -> bool:
     """Whether a test file is run each time."""
     return any(path.is_relative_to(HERE / proof) for proof in PROOF)
