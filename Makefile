@@ -4,8 +4,6 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
 DEMO_READY := $(VENV)/demo-ready
-DOCS_READY := $(VENV)/docs-ready
-RELEASE_READY := $(VENV)/release-ready
 SCRIPTS_READY := node_modules/ready
 
 .PHONY: demo docs test test-rest test-all wheels test-wheels newest check sanitize fuzz soak scale page-times effort video fingerprint format clean
@@ -15,7 +13,7 @@ demo: $(if $(wildcard $(READY)),$(READY),$(DEMO_READY))
 	$(BIN)/tokt demo --out demo-out
 
 # The docs' site in build/site, with the notebooks run: any warning, such as a dead link, is an error.
-docs: $(DOCS_READY)
+docs: $(READY)
 	TOKT_NOTEBOOKS=run NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # What a change needs: by tests/tiers.py all but these tiers, and the proof whatever its tier.
@@ -58,19 +56,18 @@ check: $(READY) $(SCRIPTS_READY)
 	$(NPM) run --silent check
 
 # What is published, in dist/. TOKT_REPOSITORY=https://... is where the links of its page lead.
-wheels: $(RELEASE_READY)
+wheels: $(READY)
 	rm -rf dist
 	$(BIN)/python packaging/wheels.py build
 	$(BIN)/python packaging/wheels.py describe
 
 # Built again they are the same bytes; the tests of kernels, bundles and wheels pass on each of
-# them. PYTHON=python3.14 for another Python.
-test-wheels: $(RELEASE_READY)
+# them. PYTHON=python3.14 VENV=.venv-3.14 for another Python.
+test-wheels: $(READY)
 	rm -rf build/again
 	$(BIN)/python packaging/wheels.py build --out build/again
 	cd build/again && sha256sum --quiet --check --ignore-missing ../../dist/SHA256SUMS
-	$(BIN)/python packaging/wheels.py test dist/tokt-*_$(shell uname -m).whl dist/tokt-*-none-any.whl \
-		--python $(PYTHON)
+	$(BIN)/python packaging/wheels.py test dist/tokt-*_$(shell uname -m).whl dist/tokt-*-none-any.whl
 
 # Whether the newest versions of all dependencies break something: for a schedule, such as cron's.
 newest: $(READY)
@@ -128,28 +125,21 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+# Bytecode is written as it is needed: most of these packages is never imported.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
+	-c constraints.txt
 # What an older checkout compiled would be imported in place of the new extension.
 NEW_VENV := $(PYTHON) -m venv $(VENV) && rm -f features/kernels/_native.*.so
 SOURCES := pyproject.toml setup.py constraints.txt studies/pyproject.toml studies/setup.py $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
 
 $(READY): $(SOURCES)
 	$(NEW_VENV)
-	$(PIP) -e '.[all,dev]' -e studies
+	$(PIP) -e '.[all,dev,docs,release]' -e studies
 	touch $@
 
-# Bytecode is written as it is needed: most of these packages is never imported.
 $(DEMO_READY): $(SOURCES)
 	$(NEW_VENV)
-	$(PIP) --no-compile -e '.[demo]' -e studies
-	touch $@
-
-$(DOCS_READY): $(READY)
-	$(PIP) -e '.[docs]' -e studies
-	touch $@
-
-$(RELEASE_READY): $(READY)
-	$(PIP) -e '.[release]' -e studies
+	$(PIP) -e '.[demo]' -e studies
 	touch $@
 
 $(SCRIPTS_READY): package.json $(READY)

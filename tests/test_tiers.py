@@ -67,10 +67,11 @@ def test_make_test_has_the_proof_and_the_rest_is_run_after_it():
     assert rest == '$(PYTEST) -m "not ($(QUICK))"'
     (everything,) = re.findall(r"^test-all:.*\n\t(.*)$", MAKEFILE, re.MULTILINE)
     assert everything == "$(PYTEST)"
-    landing = re.findall(r"^make .*$", (ROOT / ".ci" / "run").read_text("utf-8"), re.MULTILINE)
-    tests = ["make test EXAMPLES=full", "make docs", "make test-rest"]
-    rest = ["make wheels", "make test-wheels", "make check"]
-    assert landing == ["make demo VENV=build/demo-venv", *tests, *rest]
+    landing = (ROOT / ".ci" / "run").read_text("utf-8")
+    made = [line.split() for line in re.findall(r"^make (.*)$", landing, re.MULTILINE)]
+    assert ["test", "EXAMPLES=full"] in made
+    targets = {"demo", "test", "test-rest", "docs", "check", "wheels", "test-wheels"}
+    assert targets <= {word for line in made for word in line}
 
 
 def test_a_run_of_the_missions_tests_leaves_none_of_their_files_out():
