@@ -2,7 +2,7 @@
 
 import { who } from "./settings.js";
 
-/** @import { Answers, Imported, Posted } from "./messages.js" */
+/** @import { Answers, Imported, Params, Posted } from "../types.js" */
 
 const TIMEOUT_MS = 20000;
 const SEND_MS = 600000;
@@ -30,9 +30,6 @@ export function onFailure(handle) {
     return handle?.(error);
   };
 }
-
-/** @typedef {string | number | null | undefined} Param */
-/** @typedef {Record<string, Param | Param[]>} Params */
 
 /**
  * The address of an API path with `who` and its parameters: those that are null or undefined are

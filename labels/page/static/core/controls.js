@@ -49,12 +49,8 @@ export function nothingYet(text, words, href) {
   return el("p", { class: "empty-state" }, `${text} `, onward);
 }
 
-/**
- * @import { ApiError } from "./api.js"
- * @import { Child, Options } from "./dom.js"
- * @typedef {(event?: Event) => unknown} Command `event`: of the key or the button.
- * @typedef {string | [value: string, words: string]} Choice
- */
+/** @import { Child, Choice, Command, Options } from "../types.js" */
+/** @import { ApiError } from "./api.js" */
 
 /**
  * Buttons of commands, whose titles say what they do and by which key.

@@ -1,22 +1,7 @@
 // Making elements without markup in strings, drawing once, telling those who listen, and saying
 // things to screen readers.
 
-/** @typedef {keyof HTMLElementTagNameMap} Tag */
-
-/**
- * @template {Tag} T
- * @typedef {{[E in keyof HTMLElementEventMap]?:
- *   (event: HTMLElementEventMap[E] & {target: HTMLElementTagNameMap[T]}) => unknown}} Listeners
- */
-
-/**
- * What an element has: `text`: its words; `on`: its listeners by event. All other options are
- * attributes: true gives an empty one, false, null and undefined give none.
- * @template {Tag} T
- * @typedef {{text?: string, on?: Listeners<T>} & Record<string, unknown>} Options
- */
-
-/** @typedef {Node | string | null | undefined} Child Null and undefined are left out. */
+/** @import { Child, Options, Signal, Tag } from "../types.js" */
 
 /**
  * Make an element.
@@ -170,12 +155,6 @@ export function soon(work) {
     });
   };
 }
-
-/**
- * What adds a listener, and returns what takes it away again; what tells all of them.
- * @template {unknown[]} N
- * @typedef {[(listener: (...news: N) => unknown) => () => void, (...news: N) => void]} Signal
- */
 
 /**
  * A set of listeners.

@@ -8,17 +8,7 @@ import { changeSetting, setSetting, setting } from "./settings.js";
 
 const CONTRAST_STEP = 10;
 
-/**
- * @typedef {Object} KeyEntry
- * @property {string[]} keys "n", "N", "?", "Enter", "Shift+Enter", "Ctrl+Z", "PageDown", "Space".
- * @property {string} does   For the overlay.
- * @property {(event: KeyboardEvent, key: string) => unknown} [run] Returning false leaves the event
- *   to the browser; without it the entry is for the overlay only.
- * @property {(event: Event) => unknown} [release] When the key comes up again.
- * @property {string} [group] Heading in the overlay.
- *
- * @typedef {{title: string, keys?: KeyEntry[], classKeys?: (name: string) => unknown}} ViewKeys
- */
+/** @import { KeyEntry, ViewKeys } from "../types.js" */
 
 const tables = {
   /** @type {ViewKeys} Of the view that is shown. */

@@ -8,11 +8,7 @@ import { patchSize } from "./patch_grid.js";
 const KEPT = 14;
 const SIDE_BY_SIDE = 3;
 
-/**
- * @typedef {{url: string, bitmap: ?ImageBitmap, error: unknown, controller: AbortController,
- *   started: boolean} & PromiseWithResolvers<ImageBitmap>} PictureJob
- * @typedef {{camera: string, frame: number, enhance: number}} PictureName
- */
+/** @import { PictureJob, PictureName } from "../types.js" */
 
 const fetched = {
   /** @type {Map<string, PictureJob>} By address, least recently asked for first. */

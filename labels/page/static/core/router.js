@@ -3,14 +3,7 @@
 import { byId, el, say, setAttribute } from "./dom.js";
 import { setViewKeys } from "./keys.js";
 
-/**
- * A view, or one that is loaded when it is first shown. `under`: the view whose link stands for it;
- * `show(root, parts)` is called with the address's further words, and again when they change while
- * the view stays; `root` is emptied when another view takes over.
- * @typedef {import("./keys.js").ViewKeys & {under?: string, link?: () => string,
- *   show: (root: HTMLElement, parts: string[]) => unknown, hide: () => void}} View
- * @typedef {{title: string, load: (again: string) => Promise<unknown>}} LaterView
- */
+/** @import { LaterView, View } from "../types.js" */
 
 const shown = {
   /** @type {Map<string, View | LaterView>} */

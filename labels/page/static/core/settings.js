@@ -3,6 +3,8 @@
 
 import { signal } from "./dom.js";
 
+/** @import { Signal } from "../types.js" */
+
 /**
  * What something gives that works with the storage, or what to take where the storage does not let
  * us. Reading the property itself throws where a browser blocks it.
@@ -82,7 +84,7 @@ let settings = { ...DEFAULTS, ...read(SETTINGS) };
 
 /**
  * Be told of changed settings: `onSetting((name) => ...)` returns what stops it.
- * @type {import("./dom.js").Signal<[name: SettingName]>}
+ * @type {Signal<[name: SettingName]>}
  */
 export const [onSetting, settingChanged] = signal();
 

@@ -4,11 +4,7 @@ import { get, onFailure, post } from "../core/api.js";
 import { complain } from "../core/controls.js";
 import { button, el, part, say } from "../core/dom.js";
 
-/**
- * @import { Options } from "../core/dom.js"
- * @import { ClassesAnswer, UsedClass } from "../core/messages.js"
- * @typedef {"name" | "color" | "key" | "obstacle" | "parent" | "description"} Field
- */
+/** @import { ClassesAnswer, Field, Options, UsedClass } from "../types.js" */
 
 /** A table of the workspace's classes that can be changed and saved as a whole. */
 export function classEditor() {

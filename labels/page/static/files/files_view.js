@@ -12,12 +12,7 @@ const ANY = "as the file says";
 const EVERYBODY = "everybody";
 const LEAVE_OUT = "leave out";
 
-/**
- * @import { Choice } from "../core/controls.js"
- * @import { Child } from "../core/dom.js"
- * @import { Imported } from "../core/messages.js"
- * @typedef {(named: Record<string, string>, apply?: boolean) => void} Read Reads the chosen file.
- */
+/** @import { Child, Choice, Imported, Read } from "../types.js" */
 
 /** The view's state; all of it. */
 const view = {

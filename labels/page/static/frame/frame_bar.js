@@ -10,12 +10,7 @@ import { filterChoices, filterName, filterSelect, passingFrames } from "../label
 import { STATES } from "../labelling/frame_states.js";
 import { kindOf } from "../labelling/suggest.js";
 
-/**
- * @import { Command } from "../core/controls.js"
- * @import { FrameInfo } from "../core/messages.js"
- * @import { ShownLabels } from "../saving/labels.js"
- * @import { Hint } from "../labelling/painting.js"
- */
+/** @import { Command, FrameInfo, Hint, ShownLabels } from "../types.js" */
 
 /**
  * Build the bar of commands, by name, and the status line.

@@ -11,22 +11,7 @@ import { Viewport } from "./viewport.js";
 const PIXELS_FROM = 3; // screen pixels a frame pixel from which they are shown as squares
 const HEAD_EVERY = 18; // least CSS pixels between two heads
 
-/**
- * @import { ShownLabels } from "../saving/labels.js"
- * @import { Box, CellPlan } from "../labelling/cell_drawing.js"
- * @import { Hint } from "../labelling/painting.js"
- *
- * What is drawn; `dim`: the picture is of before; `plain`: the picture and grid only; `pending`:
- * cells that are not saved; `tag` is handed to `onDrawn`.
- * @typedef {{bitmap: ?ImageBitmap, dim?: boolean, labels: ?ShownLabels, hints: (?Hint)[],
- *   message: string, badge: string, cursor?: ?number, selection?: number[],
- *   stroke?: ?{cells: Iterable<number>, label: ?string}, plain?: boolean,
- *   pending?: Iterable<number>, tag?: ?string}} Content
- *
- * A point of the canvas in patches; `cell` -1 outside of all; `head`: of the row or column whose
- * head was hit.
- * @typedef {{x: number, y: number, cell: number, head: ?{row?: number, col?: number}}} Hit
- */
+/** @import { Box, CellPlan, FrameContent, Hit, ShownLabels } from "../types.js" */
 
 /** Draws what `content` says, once a screen refresh at most. */
 export class FrameCanvas {
@@ -37,7 +22,7 @@ export class FrameCanvas {
     this.viewport = new Viewport();
     /** @type {{canvas: HTMLCanvasElement, bitmap: ?ImageBitmap, key: string}} */
     this.ground = { canvas: document.createElement("canvas"), bitmap: null, key: "" };
-    /** @type {Content} */
+    /** @type {FrameContent} */
     this.content = { bitmap: null, labels: null, hints: [], message: "", badge: "" };
     /** @type {(tag: ?string | undefined) => void} */
     this.onDrawn = () => {};
@@ -54,7 +39,7 @@ export class FrameCanvas {
     this.observer.disconnect();
   }
 
-  /** Change some of what is drawn. @param {Partial<Content>} content */
+  /** Change some of what is drawn. @param {Partial<FrameContent>} content */
   set(content) {
     Object.assign(this.content, content);
     const { bitmap } = this.content;

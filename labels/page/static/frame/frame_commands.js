@@ -15,10 +15,7 @@ import { writeNote } from "./notes.js";
 
 const PAN_STEP = 60;
 
-/**
- * @import { Command } from "../core/controls.js"
- * @import { KeyEntry } from "../core/keys.js"
- */
+/** @import { Command, KeyEntry } from "../types.js" */
 
 /** @param {"beside" | "grid" | "outlines" | "suggestions"} name */
 function toggle(name) {

@@ -7,10 +7,7 @@ const NEXT = "Frames";
 const PAINT = "Painting";
 const SEE = "Seeing";
 
-/**
- * @import { Command } from "../core/controls.js"
- * @import { KeyEntry } from "../core/keys.js"
- */
+/** @import { Command, KeyEntry } from "../types.js" */
 
 /**
  * Command, keys, group and what it does; commands with a release are held or tapped.

@@ -12,10 +12,7 @@ import { describeCell } from "./frame_bar.js";
 import { cannotDo, showCursor, showLabels, showStatus, showTools } from "./frame_display.js";
 import { isHere, page, view } from "./frame_state.js";
 
-/**
- * @import { Host, PointerTool } from "./gestures.js"
- * @typedef {"paint" | "erase" | "confirm" | "unsure"} How
- */
+/** @import { Host, How } from "../types.js" */
 
 /** @type {Host} What the pointer's gestures do here. */
 export const pointerHost = {

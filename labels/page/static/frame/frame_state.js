@@ -2,42 +2,7 @@
 
 import { PatchCursor } from "../core/patch_grid.js";
 
-/**
- * @import { Hint } from "../labelling/painting.js"
- * @import { Place } from "../core/messages.js"
- * @import { SaveState } from "../saving/saver.js"
- * @import { Beside } from "./beside.js"
- * @import { FrameCanvas } from "./frame_canvas.js"
- * @import { FrameShow } from "./frame_show.js"
- * @import { PointerGestures } from "./gestures.js"
- * @import { Player } from "./play.js"
- * @import { Timeline } from "./timeline.js"
- */
-
-/**
- * What is on the page while the view is shown.
- * @typedef {Object} FramePage
- * @property {HTMLElement} root
- * @property {FrameCanvas} canvas
- * @property {HTMLElement} element     The canvas's own.
- * @property {HTMLElement} status      The line of words.
- * @property {FrameShow} show
- * @property {Beside} beside
- * @property {Timeline} timeline
- * @property {Player} player
- * @property {PointerGestures} pointer
- * @property {{show: (chosen: string) => void}} tools
- * @property {HTMLButtonElement[]} toggles
- * @property {{show: (said: string) => void}} drawer
- * @property {{number: HTMLInputElement, show: (camera: string, frame: number) => void}} bar
- * @property {(() => void)[]} stops    What ends listening to news.
- * @property {(?Hint)[]} hints         What is proposed for each patch.
- * @property {number} hovered          The cell under the pointer; -1: none.
- * @property {string} info             When and where the frame was taken, in words.
- * @property {Record<string, number | undefined>} timers
- * @property {SaveState} [savedState]  As it was shown last.
- * @property {number} [noted]          When the address was changed last.
- */
+/** @import { FramePage, Place } from "../types.js" */
 
 /** The view's state; all of it. */
 export const view = {

@@ -27,7 +27,7 @@ import { listenToPointer } from "./gestures.js";
 import { Player } from "./play.js";
 import { Timeline } from "./timeline.js";
 
-/** @import { Tool } from "../labelling/toolbar.js" */
+/** @import { Tool } from "../types.js" */
 
 /** @type {Tool[]} */
 const TOOLS = [

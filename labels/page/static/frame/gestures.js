@@ -7,24 +7,8 @@ const LEFT = 0;
 const MIDDLE = 1;
 const RIGHT = 2;
 
-/**
- * @import { FrameCanvas, Hit } from "./frame_canvas.js"
- *
- * @typedef {"chosen" | "unsure" | "confirm"} PointerTool
- *
- * @typedef {Object} Host
- * @property {() => boolean} canPaint
- * @property {() => boolean} panning  Whether the pan key is held.
- * @property {() => void} panned      A pan began while the pan key was held.
- * @property {(tool: PointerTool) => ?string} labelOf What a stroke would put; for showing.
- * @property {(cells: number[], tool: PointerTool, kind: string) => void} finish
- * @property {(cell: number) => void} hover
- *
- * @typedef {{move: (event: PointerEvent) => void, finish?: () => void}} Gesture
- *
- * `complete`: what was done so far counts, and the rest of the gesture does nothing.
- * @typedef {{cancel: () => void, complete: () => void, busy: () => boolean}} PointerGestures
- */
+/** @import { Gesture, Hit, Host, PointerGestures, PointerTool } from "../types.js" */
+/** @import { FrameCanvas } from "./frame_canvas.js" */
 
 /**
  * Listen to the pointer over a canvas.

@@ -6,7 +6,7 @@ import { who } from "../core/mission.js";
 import { labelsAreStale } from "../saving/labels.js";
 import { cellName } from "../core/patch_grid.js";
 
-/** @import { Note } from "../core/messages.js" */
+/** @import { Note } from "../types.js" */
 
 /**
  * The notes of a frame that are on a patch, or on the frame, each in words.

@@ -17,7 +17,7 @@ const WHEEL_STEP = 1.002;
 const PEEK = 176; // CSS pixels
 const REST_MS = 80; // a frame that the pointer only passes is not fetched
 
-/** @import { LabelClass } from "../core/messages.js" */
+/** @import { LabelClass } from "../types.js" */
 
 /** Draws the strip into a canvas that is a slider for keyboards and screen readers. */
 export class Timeline {

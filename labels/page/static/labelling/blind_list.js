@@ -3,7 +3,7 @@
 import { get, onFailure } from "../core/api.js";
 import { frameIndex, mission, onChange, onReload, setting, stateOf } from "../core/mission.js";
 
-/** @import { ByCamera, Place } from "../core/messages.js" */
+/** @import { ByCamera, Place } from "../types.js" */
 
 const list = {
   /** @type {?Place[]} Frames in the mission's order; null while they are not known. */

@@ -12,21 +12,7 @@ const HATCH = 10; // CSS pixels between two lines
 const FAINT = 0.5; // opacity of lines around what is clear
 const BOLD = "600 14px system-ui, sans-serif";
 
-/**
- * @import { Note } from "../core/messages.js"
- * @import { ShownLabels } from "../saving/labels.js"
- * @import { Hint } from "./painting.js"
- *
- * @typedef {{x: number, y: number, width: number, height: number}} Box
- *
- * What it is drawn onto: `plan` in all functions here; `ctx`: scaled so that one unit is one CSS
- * pixel.
- * @typedef {{ctx: CanvasRenderingContext2D, boxOf: (cell: number) => Box}} CellPlan
- *
- * `mark`: "?" where the model is not confident, "→" where the frame before says so and not the
- * model, "≠" where the model says the opposite.
- * @typedef {{label: string, line: "solid" | "dashed" | "dotted", mark: string}} ShownCell
- */
+/** @import { Box, CellPlan, Hint, Note, ShownCell, ShownLabels } from "../types.js" */
 
 /**
  * What is drawn of a patch: its label, else what is proposed for it.

@@ -6,10 +6,7 @@ import { mission, setSetting, setting } from "../core/mission.js";
 import { obstacleChoice } from "./obstacle_class.js";
 import { needsObstacleClass, obstacleClass, percentRight } from "./suggest.js";
 
-/**
- * @import { Child } from "../core/dom.js"
- * @typedef {"enhance" | "tint" | "confidence" | "follow"} NumberSetting
- */
+/** @import { Child, NumberSetting } from "../types.js" */
 
 /**
  * Build the drawer of settings, with `more` of the view.

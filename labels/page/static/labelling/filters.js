@@ -14,11 +14,7 @@ const NEXT = "next";
 const NEXT_FRAMES = 5;
 const ASK_AGAIN_MS = 300;
 
-/**
- * @import { ByCamera, QueueEntry } from "../core/messages.js"
- * @import { Signal } from "../core/dom.js"
- * @import { Choice } from "../core/controls.js"
- */
+/** @import { ByCamera, QueueEntry, Signal } from "../types.js" */
 
 /**
  * The filters by state in the words of the page; all but "all" and "open" are one state.

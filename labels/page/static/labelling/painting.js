@@ -9,16 +9,7 @@ import { act, changesOf } from "../saving/saver.js";
 import { askObstacleClass } from "./obstacle_class.js";
 import { kindOf, modelObstacles, suggestedLabels } from "./suggest.js";
 
-/** @import { Place } from "../core/messages.js" */
-/** @import { LabelledPatch } from "../saving/saver.js" */
-
-/**
- * A proposal for a patch without a label of mine; `strong`: taken by "accept the confident ones";
- * `kept`: from the frame before; `model`: the version to record; `said`: what the model says;
- * `against`: the proposal is of another kind.
- * @typedef {{label: string, text: string, percent: ?number, strong: boolean, kept: boolean,
- *   model: ?string, said: string | undefined, against: boolean}} Hint
- */
+/** @import { Hint, LabelledPatch, Place } from "../types.js" */
 
 const PREFIX = "tokt.copy/";
 const COPY = { text: "copy", percent: null, strong: true, kept: true, model: null };

@@ -22,21 +22,7 @@
 import { classOf, clearClass, frameIndex, frames, mission, setting } from "../core/mission.js";
 import { labelsOf } from "../saving/labels.js";
 
-/** @import { Model } from "../core/messages.js" */
-
-/**
- * What the model alone says of a patch; `named`: by a class of the taxonomy; `obstacle`: whether it
- * is one to the model.
- * @typedef {{label: string, value: number, named: boolean, obstacle: boolean}} Says
- *
- * What holds; `mine`: it goes back to what a person said.
- * @typedef {{label: string, mine: boolean}} Held
- *
- * `value`, `percent` and `said` are the model's, also where the suggestion was kept from the frame
- * before; `against`: it is of another kind than `said`.
- * @typedef {{label: string, value: number, percent: ?number, confident: boolean, said: string,
- *   against: boolean}} Suggestion
- */
+/** @import { Held, Model, Says, Suggestion } from "../types.js" */
 
 const MAX_CHAIN = 32;
 const NEAREST = 5;

@@ -45,13 +45,7 @@ const OWN = { undo: stepBack, redo: stepForward, settings: toggleDrawer };
 /** @type {Record<string, string>} */
 const OWN_KEYS = { undo: "z", redo: "Z", settings: DRAWER_KEY };
 
-/**
- * @import { Command } from "../core/controls.js"
- * @import { Head, LabelClass } from "../core/messages.js"
- *
- * @typedef {[command: string, words: string, does: string]} Tool
- * @typedef {Partial<LabelClass> & {name: string, depth?: number, group?: boolean}} PainterRow
- */
+/** @import { Command, Head, PainterRow, Tool } from "../types.js" */
 
 /**
  * Build the toolbar.

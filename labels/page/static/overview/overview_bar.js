@@ -11,7 +11,7 @@ import { filterSelect } from "../labelling/filters.js";
 import { buildToolbar } from "../labelling/toolbar.js";
 import { suggesting } from "./thumb.js";
 
-/** @import { Tally } from "./overview_state.js" */
+/** @import { Tally } from "../types.js" */
 
 /** @type {Record<string, string>} */
 const KEYS = { acceptNext: "Enter", acceptAll: "Shift+Enter", rest: "o" };

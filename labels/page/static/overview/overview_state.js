@@ -1,34 +1,6 @@
 // The state of the overview: what is on the page, and what outlasts it.
 
-/**
- * @import { OverviewBar } from "./overview_bar.js"
- * @import { Thumb } from "./thumb.js"
- * @import { Cells } from "./thumb_painting.js"
- *
- * Patches by what would happen to them; `waiting`: frames of which that is not known.
- * @typedef {{strong: number, weak: number, open: number, waiting: number}} Tally
- *
- * The elements on show.
- * @typedef {{host: HTMLElement, root: HTMLElement, list: HTMLElement, bar: OverviewBar,
- *   resized: ResizeObserver}} Parts
- */
-
-/**
- * What is shown of a camera from a frame on.
- * @typedef {Object} Sheet
- * @property {string} camera
- * @property {number} first
- * @property {?number} asked        A frame to see, whatever is filtered.
- * @property {Set<number>} excluded Frames that are left out.
- * @property {Thumb[]} thumbs
- * @property {number} count         Thumbnails that fit.
- * @property {number} width         Of each one's picture, in CSS pixels.
- * @property {number} focus         The thumbnail that the keyboard is on.
- * @property {?number} cell         The patch there.
- * @property {?{cells: Cells, label: string}} stroke  That goes on.
- * @property {Set<Thumb>} touched   By the stroke.
- * @property {(camera: string, frame: number) => boolean} passes  The filter.
- */
+/** @import { Parts, Sheet } from "../types.js" */
 
 /** The view's state; all of it. */
 export const view = {

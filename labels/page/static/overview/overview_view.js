@@ -32,13 +32,7 @@ const MIN_HEIGHT = 40;
 // So much of a row may be missing: pictures a little smaller are better than an empty strip.
 const SQUEEZED = 0.2;
 
-/**
- * @import { KeyEntry } from "../core/keys.js"
- * @import { LabelledPatch } from "../saving/saver.js"
- * @import { Content } from "./thumb.js"
- * @import { Cells } from "./thumb_painting.js"
- * @import { Tally } from "./overview_state.js"
- */
+/** @import { Cells, KeyEntry, LabelledPatch, Tally, ThumbContent } from "../types.js" */
 
 /** @param {HTMLElement} root @param {string[]} parts */
 async function show(root, [camera, first]) {
@@ -250,7 +244,7 @@ function showWords() {
 
 /**
  * Patches of the frames that Enter works on, by what would happen to them.
- * @param {(thumb: Thumb) => ?Content} contentFor
+ * @param {(thumb: Thumb) => ?ThumbContent} contentFor
  */
 function tally(contentFor) {
   /** @type {Tally} */

@@ -11,18 +11,11 @@ import { suggestionFault } from "../labelling/suggest.js";
 import { STATES } from "../labelling/frame_states.js";
 import { labelsOf } from "../saving/labels.js";
 
-/**
- * @import { Hint } from "../labelling/painting.js"
- * @import { ShownCell } from "../labelling/cell_drawing.js"
- *
- * What a frame shows; `waits`: the model has not come to it.
- * @typedef {{mine: (?string)[], hints: (?Hint)[], waits: boolean, fault: string, noted: boolean}}
- *   Content
- */
+/** @import { ShownCell, ThumbContent } from "../types.js" */
 
 /**
  * What a frame shows and what of it waits for a decision; null while it is not loaded.
- * @param {string} camera @param {number} frame @returns {?Content}
+ * @param {string} camera @param {number} frame @returns {?ThumbContent}
  */
 export function contentOf(camera, frame) {
   const labels = labelsOf(camera, frame);
@@ -51,7 +44,7 @@ export class Thumb {
     this.size = { width: 0, height: 0 };
     this.drawn = ""; // what was drawn and said last
     this.name = "";
-    /** @type {?Content} */
+    /** @type {?ThumbContent} */
     this.content = null;
     this.image = el("img", { alt: "", draggable: "false" });
     this.canvas = el("canvas", { "aria-hidden": "true" });
@@ -140,7 +133,7 @@ export class Thumb {
     drawCursor({ ctx, boxOf }, cursor, []);
   }
 
-  /** @param {?Content} content @param {boolean} excluded */
+  /** @param {?ThumbContent} content @param {boolean} excluded */
   #say(content, excluded) {
     const state = STATES[stateOf(this.camera, this.frame)]?.words ?? "";
     const shown = excluded ? "left out" : content ? content.fault || state : "loading";
@@ -156,7 +149,7 @@ export class Thumb {
   }
 }
 
-/** @param {Content} content @param {?Map<number, string>} painted */
+/** @param {ThumbContent} content @param {?Map<number, string>} painted */
 function shownCells({ mine, hints }, painted) {
   /** @param {number} cell */
   const labelOf = (cell) => painted?.get(cell) ?? mine[cell];

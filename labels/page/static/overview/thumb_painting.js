@@ -5,19 +5,8 @@ import { cellsBetween } from "../core/patch_grid.js";
 
 const STEP = 4; // CSS pixels between two looks at what a stroke passes
 
-/**
- * @import { Point } from "../core/patch_grid.js"
- * @import { Thumb } from "./thumb.js"
- *
- * @typedef {Map<Thumb, Set<number>>} Cells
- *
- * `thumbAt`: the thumbnail whose picture is there; `allThumbs`: those that a stroke with Ctrl
- * paints; `onStroke`: show what is being painted, null: nothing any more; `onPainted`: it is done,
- * `own`: the cells that the pointer itself passed.
- * @typedef {{thumbAt: (x: number, y: number) => ?Thumb, allThumbs: (start: Thumb) => Thumb[],
- *   onStroke: (stroke: ?Cells, button: number) => void,
- *   onPainted: (stroke: Cells, button: number, own: Cells) => void}} StrokeHost
- */
+/** @import { Cells, Point, StrokeHost } from "../types.js" */
+/** @import { Thumb } from "./thumb.js" */
 
 /**
  * Let strokes be painted over the thumbnails in an element.

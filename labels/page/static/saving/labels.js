@@ -8,17 +8,8 @@ import { mission, onChange, onReload, who } from "../core/mission.js";
 const MAX_A_REQUEST = 60;
 const KEPT = 400;
 
-/**
- * @import { ActionAnswer, FrameLabels, Patch, Place } from "../core/messages.js"
- * @import { Signal } from "../core/dom.js"
- * @import { Change, Entry } from "./outbox.js"
- */
-
-/**
- * `pending`: cells that the server has not acknowledged.
- * @typedef {FrameLabels & {pending: Set<number>}} ShownLabels
- * @typedef {{frames: number[]} & PromiseWithResolvers<unknown>} Batch
- */
+/** @import { ActionAnswer, Batch, Change, Entry } from "../types.js" */
+/** @import { FrameLabels, Place, ShownLabels, Signal } from "../types.js" */
 
 /** What is known of frames, each by its key. */
 const known = {

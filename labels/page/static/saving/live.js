@@ -12,7 +12,7 @@ const RETRY_MS = [200, 400, 800, 1500];
 const HIDDEN_MS = 5000;
 const ANSWER_MS = 300;
 
-/** @import { ChangeEvent, MissionAnswer, StatusEvent } from "../core/messages.js" */
+/** @import { ChangeEvent, MissionAnswer, StatusEvent } from "../types.js" */
 
 const live = {
   /** @type {?EventSource} */

@@ -11,7 +11,7 @@ import {
 
 const MAX_SHOWN = 30;
 
-/** @import { Entry, NotedConflict } from "./outbox.js" */
+/** @import { Entry, NotedConflict } from "../types.js" */
 
 const list = { shown: "", counted: 0 }; // what it says, and of how many actions
 

@@ -17,44 +17,7 @@ const BEAT_MS = 5000;
 // Without the locks of a secure page: background tabs' timers run once a minute at worst.
 const SILENT_MS = 150000;
 
-/**
- * @import { Grid, Patch, Refused } from "../core/messages.js"
- * @import { Signal } from "../core/dom.js"
- */
-
-/**
- * An action of the page: what is kept in the browser and sent.
- * @typedef {Object} Entry
- * @property {string} key      Unique; the server counts it once.
- * @property {"/api/actions" | "/api/undo" | "/api/redo"} path
- * @property {string} who
- * @property {boolean} blind
- * @property {string} mission
- * @property {Grid} grid       As the server names it.
- * @property {string} kind     What the person did, for messages.
- * @property {string} source   "human" or "settled".
- * @property {string} time     UTC.
- * @property {?string} target  Key of the action that an undo or redo is meant for.
- * @property {Change[]} changes  Of an undo: the opposite ones, where this page knows them.
- * @property {?string} refusal Why the server refused it; null while it waits.
- * @property {?string} [stored] Its name in the storage.
- */
-
-/**
- * @typedef {Object} Change
- * @property {string} camera
- * @property {number} frame
- * @property {?string} label
- * @property {?string} model   Version of the model whose suggestion was confirmed.
- * @property {number[]} cells
- * @property {(?string)[]} base  What the page believed each cell's label was.
- */
-
-/**
- * A patch that was not written, with what there is now and what the page said.
- * @typedef {Refused & {who: string, mission: string, source: string, stored: string,
- *   kept?: boolean}} NotedConflict
- */
+/** @import { Entry, NotedConflict, Refused, Signal } from "../types.js" */
 
 const outbox = {
   /** @type {Entry[]} */

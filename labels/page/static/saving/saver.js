@@ -23,14 +23,8 @@ const KEPT_RANGES = 500;
 export const CONFIRM = "confirm";
 const HOLD_MS = 600; // longer than the second click of a double click takes
 
-/**
- * @import { ActionAnswer, Head, Heads, News, Patch } from "../core/messages.js"
- * @import { Signal } from "../core/dom.js"
- * @import { Change, Entry } from "./outbox.js"
- */
-
-/** @typedef {"saved" | "saving" | "offline" | "refused"} SaveState */
-/** @typedef {Omit<Change, "model" | "base"> & {model?: ?string, base?: (?string)[]}} Wanted */
+/** @import { ActionAnswer, Change, Entry, Head, Heads } from "../types.js" */
+/** @import { LabelledPatch, News, SaveState, Signal, Wanted } from "../types.js" */
 
 const saver = {
   /** @type {(() => void)[]} */
@@ -158,11 +152,6 @@ export function withdraw(key) {
 export function patchesAre(count) {
   return count === 1 ? "1 patch is" : `${count.toLocaleString("en")} patches are`;
 }
-
-/**
- * A patch, the label it shall have, and the one it is shown with.
- * @typedef {Patch & {label: ?string, base: ?string, model?: ?string}} LabelledPatch
- */
 
 /**
  * `LabelledPatch`es as the changes that `act` takes: one for each frame and label.

@@ -3,8 +3,7 @@
 import { classTag, swatch } from "../core/controls.js";
 import { button, el } from "../core/dom.js";
 
-/** @import { Agreement } from "../core/messages.js" */
-/** @typedef {{a: string, b: string}} Pair */
+/** @import { Agreement, Pair } from "../types.js" */
 
 const NONE = "–";
 

@@ -15,13 +15,8 @@ import { blindForm, blindProgress, continueBlind } from "./blind_panel.js";
 import { selectionKeys } from "./tile_grid.js";
 import { Asking, DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
-/**
- * @import { ApiError } from "../core/api.js"
- * @import { Agreement, Conflict } from "../core/messages.js"
- * @import { Child } from "../core/dom.js"
- * @import { Pair } from "./agreement_tables.js"
- * @import { SheetPlace } from "./tile_sheet.js"
- */
+/** @import { Agreement, Child, Conflict, Pair, SheetPlace } from "../types.js" */
+/** @import { ApiError } from "../core/api.js" */
 
 /**
  * The conflicts of one comparison. Of the view, `only`: the labels that conflicts must have;

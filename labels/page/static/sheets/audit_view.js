@@ -18,11 +18,8 @@ import {
 const NONE = "No audit doubts a label of this mission.";
 const LOOK = "Look for labels that may be wrong";
 
-/**
- * @import { ApiError } from "../core/api.js"
- * @import { Audit, AuditListed, Doubt } from "../core/messages.js"
- * @import { SheetPlace } from "./tile_sheet.js"
- */
+/** @import { Audit, AuditListed, Doubt, SheetPlace } from "../types.js" */
+/** @import { ApiError } from "../core/api.js" */
 
 /** A finding has no label yet. @param {Doubt} doubt */
 const labelOf = ({ label, suggested }) => label || suggested;

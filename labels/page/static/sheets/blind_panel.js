@@ -8,7 +8,7 @@ import { mission, setPerson, setSetting, setting, stateOf, who } from "../core/m
 import { go } from "../core/router.js";
 import { blindFrames, loadBlindList, nextBlindFrame } from "../labelling/blind_list.js";
 
-/** @import { Place } from "../core/messages.js" */
+/** @import { Place } from "../types.js" */
 
 /** @type {Record<string, {sign: string, text: string}>} */
 const SIGNS = {

@@ -16,15 +16,8 @@ const ASK_AGAIN_MS = 2000;
 const SIZES = [48, 64, 84, 112, 150];
 const MARGINS = [0, 0.25, 1]; // around a patch, in patches
 
-/**
- * @import { ApiError } from "../core/api.js"
- * @import { SheetAnswer, SheetPatch } from "../core/messages.js"
- * @typedef {SheetPatch & {mine: ?string}} SheetTile
- *
- * What is shown of the sheet; `newOrder`: there is a better order.
- * @typedef {Omit<SheetAnswer, "patches"> & {offset: number, tiles: SheetTile[],
- *   newOrder?: boolean}} SheetPage
- */
+/** @import { SheetPage, SheetTile } from "../types.js" */
+/** @import { ApiError } from "../core/api.js" */
 
 /**
  * A person's patches of one class.

@@ -8,23 +8,8 @@ import { TilePictures, patchInTile, putAt } from "./tile_pictures.js";
 const DRAG_STARTS = 5; // CSS pixels
 let grids = 0;
 
-/**
- * @import { KeyEntry } from "../core/keys.js"
- * @import { Patch } from "../core/messages.js"
- * @import { Point } from "../core/patch_grid.js"
- * @import { Rectangle } from "./tile_pictures.js"
- *
- * A tile in words and what stands under its picture.
- * @typedef {{name: string, lines: Node[], faded?: boolean}} Described
- */
-
-/**
- * What shows a grid; `showSelection()`: selection or cursor changed; `open(tile)`: it was double
- * clicked.
- * @template {Patch} T
- * @typedef {{describe: (tile: T) => Described, showSelection: () => void, open: (tile: T) => void}}
- *   GridHost
- */
+/** @import { GridHost, KeyEntry, Patch } from "../types.js" */
+/** @import { Point, Rectangle, Selecting, SelectionChange } from "../types.js" */
 
 /**
  * Which of a number of tiles are selected, and where the cursor is: as in a file manager, except
@@ -298,12 +283,6 @@ export class TileGrid {
     this.sheet.showSelection();
   }
 }
-
-/**
- * @typedef {Pick<TileGrid<Patch>, "select" | "columns">} Selecting
- * @typedef {(selection: TileSelection, event: KeyboardEvent, grid: Selecting) => unknown}
- *   SelectionChange
- */
 
 /**
  * Rows of a view's table of keys that move the cursor of its grid and select.

@@ -7,16 +7,7 @@ import { mission, setting } from "../core/mission.js";
 import { frameAspect, patchAspect, thumbAddress } from "../core/pictures.js";
 import { cellName, patchSize, rowCol } from "../core/patch_grid.js";
 
-/**
- * @import { Patch } from "../core/messages.js"
- *
- * In pixels.
- * @typedef {{left: number, top: number, width: number, height: number}} Rectangle
- *
- * How tiles look: a size in CSS pixels and a margin around each patch in patches.
- * @typedef {{width: number, height: number, margin: number}} Look
- * @typedef {{sprite: string, elements: HTMLElement[], look: Look, image: ?HTMLImageElement}} Chunk
- */
+/** @import { Chunk, Look, Patch, Rectangle } from "../types.js" */
 
 const COLUMNS = 10;
 const CHUNK = 20;

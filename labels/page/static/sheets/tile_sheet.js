@@ -19,20 +19,9 @@ const ALL = "all";
 const TILE_WIDTH = 110;
 const AGAIN_MS = 1000;
 
-/**
- * @import { ApiError, Params } from "../core/api.js"
- * @import { Child } from "../core/dom.js"
- * @import { KeyEntry } from "../core/keys.js"
- * @import { Answers, Patch } from "../core/messages.js"
- * @import { Described } from "./tile_grid.js"
- *
- * A patch as the server named it, with what was said of it then.
- * @typedef {Patch & {mine?: ?string, settled?: ?string}} SaidPatch
- *
- * Where a person is in a sheet: what is shown, from which patch on, the one pointed at.
- * @typedef {{which: string, first: number, at: ?Patch, only?: ?{a: string, b: string},
- *   unsure?: ?boolean}} SheetPlace
- */
+/** @import { Answers, Child, Described, KeyEntry } from "../types.js" */
+/** @import { Params, Patch, SaidPatch, SheetPlace } from "../types.js" */
+/** @import { ApiError } from "../core/api.js" */
 
 /** What a sheet asks of the server, one thing at a time. */
 export class Asking {

@@ -9,8 +9,7 @@ import { lastPerson } from "../core/settings.js";
 import { listenAnew } from "../saving/live.js";
 import { onState, pending, state, stateReason, tryNow } from "../saving/saver.js";
 
-/** @import { SaveState } from "../saving/saver.js" */
-/** @typedef {{who: string, blind?: boolean}} Person */
+/** @import { Person, SaveState } from "../types.js" */
 
 /** @type {Record<SaveState, (count: number) => string>} */
 const WORDS = {

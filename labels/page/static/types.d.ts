@@ -1,0 +1,813 @@
+// Types that several scripts of the page share, and those of what the server says.
+// Editors and checkers read this file; the page does not load it, and the wheel does not hold it.
+// `camera` is a camera's name, `frame` a frame's number, `cell` a patch's number in its frame, row
+// by row from 0, and `label` a class's name.
+
+import type { Beside } from "./frame/beside.js";
+import type { FrameCanvas } from "./frame/frame_canvas.js";
+import type { FrameShow } from "./frame/frame_show.js";
+import type { Player } from "./frame/play.js";
+import type { Timeline } from "./frame/timeline.js";
+import type { OverviewBar } from "./overview/overview_bar.js";
+import type { Thumb } from "./overview/thumb.js";
+import type { TileGrid, TileSelection } from "./sheets/tile_grid.js";
+
+// What the server says
+
+export type Place = { camera: string, frame: number };
+
+export type Patch = Place & { cell: number };
+
+/** Frames. */
+export type ByCamera = Record<string, number[]>;
+
+/** `width`: that frames are resized to. */
+export type Grid = { rows: number, cols: number, width: number | null };
+
+/** A class of the taxonomy; `obstacle` null: it is none, as unsure and names only the store has. */
+export interface LabelClass {
+  name: string;
+  obstacle: boolean | null;
+  color: string;
+  key: string;
+  description: string;
+  parent?: string;
+}
+
+export interface Model {
+  /** Its name and version. */
+  label: string;
+  classes: string[];
+  /** Of each class. */
+  obstacle: boolean[];
+  /** How many patches of each class. */
+  learnt: Record<string, number>;
+  right: [obstacle: boolean | number, low: number, high: number | null, percent: number][];
+  /** Frames that it has looked at. */
+  done: number;
+  total: number;
+}
+
+export type JobProgress = { what: string, done: number, total: number };
+
+export interface Job {
+  what: string;
+  steps: number;
+  step: number;
+  state: string;
+  progress: JobProgress | null;
+  error: string;
+}
+
+/** What undo or redo acts on. */
+export interface Head extends Place {
+  key: string;
+  kind: string;
+  changed: number;
+  frames: number;
+}
+
+export type Heads = { undo: Head | null, redo: Head | null };
+
+/** The mission; `states`: one letter a frame. */
+export interface MissionAnswer {
+  mission: string;
+  /** Changes with how pictures are made. */
+  pictures: string;
+  grid: Grid;
+  cameras: Record<string, { ranges: [number, number][], count: number }>;
+  classes: LabelClass[];
+  annotator: string;
+  blind: boolean;
+  annotators: string[];
+  model: Model | null;
+  fault: string;
+  /** Changes with the classes and the model. */
+  setup: string;
+  /** The newest that this knows of. */
+  event: number;
+  states: Record<string, string>;
+  /** Labels by camera and frame. */
+  given: Record<string, Record<string, string[]>>;
+  counts: Record<string, number>;
+  undo: Heads;
+  described: boolean;
+  settings: { obstacle_as?: string };
+  job: Job | null;
+  depths: [number, number][];
+  carries: boolean;
+  formats: Record<string, string>;
+}
+
+/** What changed, as an acknowledgement, an event or a status says it; each may be missing. */
+export interface News {
+  event?: number;
+  setup?: string;
+  states?: Record<string, Record<string, string>>;
+  given?: Record<string, Record<string, string[]>>;
+  counts?: Record<string, number>;
+  fault?: string;
+  model?: { done: number, total: number } | null;
+  settings?: { obstacle_as?: string };
+  job?: Job | null;
+  undo?: Heads;
+  blind?: boolean;
+}
+
+export interface ChangeEvent extends News {
+  event: number;
+  since: number;
+  frames: [string, number][];
+  noted: [string, number][];
+}
+
+export type StatusEvent = News & { blind: boolean };
+
+/** `cell`: null on a frame. */
+export interface Note {
+  cell: number | null;
+  text: string;
+  who: string;
+  time: string;
+}
+
+export interface Suggestions {
+  model: string;
+  classes: number[];
+  values: number[];
+  fault: string;
+}
+
+/**
+ * The labels of one frame: `mine`, `others` and `settled` one a cell; `models`: the version whose
+ * suggestion was accepted, by cell.
+ */
+export interface FrameLabels extends Place {
+  mine: (string | null)[];
+  models: Record<number, string>;
+  others: Record<string, (string | null)[]>;
+  settled: (string | null)[];
+  notes: Note[];
+  suggestions: Suggestions | null;
+}
+
+/** Somebody said something else. */
+export type Refused = Patch & { theirs: string | null, yours: string | null };
+
+export interface ActionAnswer extends News {
+  event: number;
+  changed: number;
+  repeated: boolean;
+  conflicts?: Refused[];
+  frames?: [string, number][];
+}
+
+export type QueueEntry = Place & { score: number, why: string };
+
+export interface Queue {
+  ready: boolean;
+  done: number;
+  total: number;
+  why_not: string;
+  frames: QueueEntry[];
+}
+
+export interface FrameInfo {
+  time?: string | null;
+  depth_m?: number | null;
+  above_ground_m?: number | null;
+  heading_deg?: number | null;
+  latitude?: number | null;
+  longitude?: number | null;
+}
+
+export type SheetPatch = Patch & { value: number | null };
+
+export interface SheetAnswer {
+  total: number;
+  by: string;
+  ready: boolean;
+  done: number;
+  of: number;
+  patches: SheetPatch[];
+}
+
+export interface Conflict extends Patch {
+  a: string;
+  b: string;
+  sure: boolean;
+  settled: string | null;
+  settled_by: string | null;
+}
+
+export interface ClassAgreement {
+  n_a: number;
+  n_b: number;
+  n_both: number;
+  f1: number | null;
+}
+
+export interface Agreement {
+  a: string;
+  b: string;
+  n_a: number;
+  n_b: number;
+  n_both: number;
+  n_both_sure: number;
+  kappa: number | null;
+  agreement: number | null;
+  kappa_with_unsure: number | null;
+  agreement_with_unsure: number | null;
+  labels: string[];
+  unknown: string[];
+  confusion: number[][];
+  obstacle: ClassAgreement | null;
+  per_class: Record<string, ClassAgreement>;
+  blind: { a: number, b: number };
+  conflicts: Conflict[];
+}
+
+export interface AuditListed {
+  name: string;
+  of: string;
+  patches: number;
+  fault: string;
+}
+
+export interface Doubt extends Patch {
+  label: string;
+  suggested: string;
+  margin: number;
+  reason: string;
+  group: string;
+  mine: string | null;
+  settled: string | null;
+  decided: string | null;
+}
+
+export interface Audit {
+  name: string;
+  of: string;
+  rule: string;
+  total: number;
+  patches: Doubt[];
+}
+
+export type UsedClass = LabelClass & { labels: number, given?: boolean };
+
+export interface ClassesAnswer {
+  classes: UsedClass[];
+  setup: string;
+  fixed: string;
+}
+
+/** What a label file has; of one with unknown classes only those are told. */
+export interface Imported {
+  applied: boolean;
+  unknown: string[];
+  annotators: string[];
+  labels: number;
+  here: number;
+  lost: string[];
+  new: number;
+  changed: number;
+  unchanged: number;
+  settled: number;
+}
+
+/** What is answered to a GET of each path, and to a POST. */
+export interface Answers {
+  "/api/mission": MissionAnswer;
+  "/api/labels": { event: number, frames: FrameLabels[] };
+  "/api/carried": { labels: (string | null)[] };
+  "/api/queue": Queue;
+  "/api/labelled": { cameras: ByCamera };
+  "/api/frames_with": { cameras: ByCamera };
+  "/api/frames_at": { cameras: ByCamera };
+  "/api/frame_info": FrameInfo;
+  "/api/sheet": SheetAnswer;
+  "/api/agreement": Agreement;
+  "/api/audits": { audits: AuditListed[] };
+  "/api/audit": Audit;
+  "/api/classes": ClassesAnswer;
+  "/api/export": { labels: number, lost: string[] };
+  "/api/job": {job: (Job & { lines: string[] }) | null};
+}
+
+export interface Posted {
+  "/api/actions": ActionAnswer;
+  "/api/undo": ActionAnswer;
+  "/api/redo": ActionAnswer;
+  "/api/seen": News;
+  "/api/notes": { notes: Note[] };
+  "/api/blind": { blind: boolean };
+  "/api/settings": {};
+  "/api/classes": ClassesAnswer;
+  "/api/job": { job: Job | null };
+  "/api/job/cancel": { job: Job | null };
+}
+
+// core/api.js
+
+export type Param = string | number | null | undefined;
+
+export type Params = Record<string, Param | Param[]>;
+
+// core/controls.js
+
+/** `event`: of the key or the button. */
+export type Command = (event?: Event) => unknown;
+
+export type Choice = string | [value: string, words: string];
+
+// core/dom.js
+
+export type Tag = keyof HTMLElementTagNameMap;
+
+export type Listeners<T extends Tag> = {
+  [E in keyof HTMLElementEventMap]?: (
+    event: HTMLElementEventMap[E] & { target: HTMLElementTagNameMap[T] },
+  ) => unknown;
+};
+
+/**
+ * What an element has: `text`: its words; `on`: its listeners by event. All other options are
+ * attributes: true gives an empty one, false, null and undefined give none.
+ */
+export type Options<T extends Tag> = { text?: string, on?: Listeners<T> } & Record<string, unknown>;
+
+/** Null and undefined are left out. */
+export type Child = Node | string | null | undefined;
+
+/** What adds a listener, and returns what takes it away again; what tells all of them. */
+export type Signal<N extends unknown[]> = [
+  listen: (listener: (...news: N) => unknown) => () => void,
+  tell: (...news: N) => void,
+];
+
+// core/keys.js
+
+export interface KeyEntry {
+  /** "n", "N", "?", "Enter", "Shift+Enter", "Ctrl+Z", "PageDown", "Space". */
+  keys: string[];
+  /** For the overlay. */
+  does: string;
+  /**
+   * Returning false leaves the event to the browser; without it the entry is for the overlay only.
+   */
+  run?: (event: KeyboardEvent, key: string) => unknown;
+  /** When the key comes up again. */
+  release?: (event: Event) => unknown;
+  /** Heading in the overlay. */
+  group?: string;
+}
+
+export interface ViewKeys {
+  title: string;
+  keys?: KeyEntry[];
+  classKeys?: (name: string) => unknown;
+}
+
+// core/patch_grid.js
+
+export type Point = { x: number, y: number };
+
+// core/pictures.js
+
+export interface PictureJob extends PromiseWithResolvers<ImageBitmap> {
+  url: string;
+  bitmap: ImageBitmap | null;
+  error: unknown;
+  controller: AbortController;
+  started: boolean;
+}
+
+export type PictureName = { camera: string, frame: number, enhance: number };
+
+// core/router.js
+
+/**
+ * A view, or one that is loaded when it is first shown. `under`: the view whose link stands for it;
+ * `show(root, parts)` is called with the address's further words, and again when they change while
+ * the view stays; `root` is emptied when another view takes over.
+ */
+export interface View extends ViewKeys {
+  under?: string;
+  link?: () => string;
+  show: (root: HTMLElement, parts: string[]) => unknown;
+  hide: () => void;
+}
+
+export interface LaterView {
+  title: string;
+  load: (again: string) => Promise<unknown>;
+}
+
+// saving/labels.js
+
+/** `pending`: cells that the server has not acknowledged. */
+export type ShownLabels = FrameLabels & { pending: Set<number> };
+
+export type Batch = { frames: number[] } & PromiseWithResolvers<unknown>;
+
+// saving/outbox.js
+
+/** An action of the page: what is kept in the browser and sent. */
+export interface Entry {
+  /** Unique; the server counts it once. */
+  key: string;
+  path: "/api/actions" | "/api/undo" | "/api/redo";
+  who: string;
+  blind: boolean;
+  mission: string;
+  /** As the server names it. */
+  grid: Grid;
+  /** What the person did, for messages. */
+  kind: string;
+  /** "human" or "settled". */
+  source: string;
+  /** UTC. */
+  time: string;
+  /** Key of the action that an undo or redo is meant for. */
+  target: string | null;
+  /** Of an undo: the opposite ones, where this page knows them. */
+  changes: Change[];
+  /** Why the server refused it; null while it waits. */
+  refusal: string | null;
+  /** Its name in the storage. */
+  stored?: string | null;
+}
+
+export interface Change {
+  camera: string;
+  frame: number;
+  label: string | null;
+  /** Version of the model whose suggestion was confirmed. */
+  model: string | null;
+  cells: number[];
+  /** What the page believed each cell's label was. */
+  base: (string | null)[];
+}
+
+/** A patch that was not written, with what there is now and what the page said. */
+export interface NotedConflict extends Refused {
+  who: string;
+  mission: string;
+  source: string;
+  stored: string;
+  kept?: boolean;
+}
+
+// saving/saver.js
+
+export type SaveState = "saved" | "saving" | "offline" | "refused";
+
+export interface Wanted extends Omit<Change, "model" | "base"> {
+  model?: string | null;
+  base?: (string | null)[];
+}
+
+/** A patch, the label it shall have, and the one it is shown with. */
+export interface LabelledPatch extends Patch {
+  label: string | null;
+  base: string | null;
+  model?: string | null;
+}
+
+// labelling/cell_drawing.js
+
+export type Box = { x: number, y: number, width: number, height: number };
+
+/**
+ * What it is drawn onto: `plan` in all functions here; `ctx`: scaled so that one unit is one CSS
+ * pixel.
+ */
+export interface CellPlan {
+  ctx: CanvasRenderingContext2D;
+  boxOf: (cell: number) => Box;
+}
+
+/**
+ * `mark`: "?" where the model is not confident, "→" where the frame before says so and not the
+ * model, "≠" where the model says the opposite.
+ */
+export interface ShownCell {
+  label: string;
+  line: "solid" | "dashed" | "dotted";
+  mark: string;
+}
+
+// labelling/drawer.js
+
+export type NumberSetting = "enhance" | "tint" | "confidence" | "follow";
+
+// labelling/painting.js
+
+/**
+ * A proposal for a patch without a label of mine; `strong`: taken by "accept the confident ones";
+ * `kept`: from the frame before; `model`: the version to record; `said`: what the model says;
+ * `against`: the proposal is of another kind.
+ */
+export interface Hint {
+  label: string;
+  text: string;
+  percent: number | null;
+  strong: boolean;
+  kept: boolean;
+  model: string | null;
+  said: string | undefined;
+  against: boolean;
+}
+
+// labelling/suggest.js
+
+/**
+ * What the model alone says of a patch; `named`: by a class of the taxonomy; `obstacle`: whether it
+ * is one to the model.
+ */
+export interface Says {
+  label: string;
+  value: number;
+  named: boolean;
+  obstacle: boolean;
+}
+
+/** What holds; `mine`: it goes back to what a person said. */
+export type Held = { label: string, mine: boolean };
+
+/**
+ * `value`, `percent` and `said` are the model's, also where the suggestion was kept from the frame
+ * before; `against`: it is of another kind than `said`.
+ */
+export interface Suggestion {
+  label: string;
+  value: number;
+  percent: number | null;
+  confident: boolean;
+  said: string;
+  against: boolean;
+}
+
+// labelling/toolbar.js
+
+export type Tool = [command: string, words: string, does: string];
+
+export interface PainterRow extends Partial<LabelClass> {
+  name: string;
+  depth?: number;
+  group?: boolean;
+}
+
+// frame/frame_canvas.js
+
+/**
+ * What is drawn; `dim`: the picture is of before; `plain`: the picture and grid only; `pending`:
+ * cells that are not saved; `tag` is handed to `onDrawn`.
+ */
+export interface FrameContent {
+  bitmap: ImageBitmap | null;
+  dim?: boolean;
+  labels: ShownLabels | null;
+  hints: (Hint | null)[];
+  message: string;
+  badge: string;
+  cursor?: number | null;
+  selection?: number[];
+  stroke?: { cells: Iterable<number>, label: string | null } | null;
+  plain?: boolean;
+  pending?: Iterable<number>;
+  tag?: string | null;
+}
+
+/**
+ * A point of the canvas in patches; `cell` -1 outside of all; `head`: of the row or column whose
+ * head was hit.
+ */
+export interface Hit {
+  x: number;
+  y: number;
+  cell: number;
+  head: { row?: number, col?: number } | null;
+}
+
+// frame/frame_painting.js
+
+export type How = "paint" | "erase" | "confirm" | "unsure";
+
+// frame/frame_state.js
+
+/** What is on the page while the view is shown. */
+export interface FramePage {
+  root: HTMLElement;
+  canvas: FrameCanvas;
+  /** The canvas's own. */
+  element: HTMLElement;
+  /** The line of words. */
+  status: HTMLElement;
+  show: FrameShow;
+  beside: Beside;
+  timeline: Timeline;
+  player: Player;
+  pointer: PointerGestures;
+  tools: { show: (chosen: string) => void };
+  toggles: HTMLButtonElement[];
+  drawer: { show: (said: string) => void };
+  bar: { number: HTMLInputElement, show: (camera: string, frame: number) => void };
+  /** What ends listening to news. */
+  stops: (() => void)[];
+  /** What is proposed for each patch. */
+  hints: (Hint | null)[];
+  /** The cell under the pointer; -1: none. */
+  hovered: number;
+  /** When and where the frame was taken, in words. */
+  info: string;
+  timers: Record<string, number | undefined>;
+  /** As it was shown last. */
+  savedState?: SaveState;
+  /** When the address was changed last. */
+  noted?: number;
+}
+
+// frame/gestures.js
+
+export type PointerTool = "chosen" | "unsure" | "confirm";
+
+export interface Host {
+  canPaint: () => boolean;
+  /** Whether the pan key is held. */
+  panning: () => boolean;
+  /** A pan began while the pan key was held. */
+  panned: () => void;
+  /** What a stroke would put; for showing. */
+  labelOf: (tool: PointerTool) => string | null;
+  finish: (cells: number[], tool: PointerTool, kind: string) => void;
+  hover: (cell: number) => void;
+}
+
+export interface Gesture {
+  move: (event: PointerEvent) => void;
+  finish?: () => void;
+}
+
+/** `complete`: what was done so far counts, and the rest of the gesture does nothing. */
+export interface PointerGestures {
+  cancel: () => void;
+  complete: () => void;
+  busy: () => boolean;
+}
+
+// overview/overview_state.js
+
+/** Patches by what would happen to them; `waiting`: frames of which that is not known. */
+export interface Tally {
+  strong: number;
+  weak: number;
+  open: number;
+  waiting: number;
+}
+
+/** The elements on show. */
+export interface Parts {
+  host: HTMLElement;
+  root: HTMLElement;
+  list: HTMLElement;
+  bar: OverviewBar;
+  resized: ResizeObserver;
+}
+
+/** What is shown of a camera from a frame on. */
+export interface Sheet {
+  camera: string;
+  first: number;
+  /** A frame to see, whatever is filtered. */
+  asked: number | null;
+  /** Frames that are left out. */
+  excluded: Set<number>;
+  thumbs: Thumb[];
+  /** Thumbnails that fit. */
+  count: number;
+  /** Of each one's picture, in CSS pixels. */
+  width: number;
+  /** The thumbnail that the keyboard is on. */
+  focus: number;
+  /** The patch there. */
+  cell: number | null;
+  /** That goes on. */
+  stroke: { cells: Cells, label: string } | null;
+  /** By the stroke. */
+  touched: Set<Thumb>;
+  /** The filter. */
+  passes: (camera: string, frame: number) => boolean;
+}
+
+// overview/thumb.js
+
+/** What a frame shows; `waits`: the model has not come to it. */
+export interface ThumbContent {
+  mine: (string | null)[];
+  hints: (Hint | null)[];
+  waits: boolean;
+  fault: string;
+  noted: boolean;
+}
+
+// overview/thumb_painting.js
+
+export type Cells = Map<Thumb, Set<number>>;
+
+/**
+ * `thumbAt`: the thumbnail whose picture is there; `allThumbs`: those that a stroke with Ctrl
+ * paints; `onStroke`: show what is being painted, null: nothing any more; `onPainted`: it is done,
+ * `own`: the cells that the pointer itself passed.
+ */
+export interface StrokeHost {
+  thumbAt: (x: number, y: number) => Thumb | null;
+  allThumbs: (start: Thumb) => Thumb[];
+  onStroke: (stroke: Cells | null, button: number) => void;
+  onPainted: (stroke: Cells, button: number, own: Cells) => void;
+}
+
+// sheets/agreement_tables.js
+
+export type Pair = { a: string, b: string };
+
+// sheets/sheet_view.js
+
+export type SheetTile = SheetPatch & { mine: string | null };
+
+/** What is shown of the sheet; `newOrder`: there is a better order. */
+export interface SheetPage extends Omit<SheetAnswer, "patches"> {
+  offset: number;
+  tiles: SheetTile[];
+  newOrder?: boolean;
+}
+
+// sheets/tile_grid.js
+
+/** A tile in words and what stands under its picture. */
+export type Described = { name: string, lines: Node[], faded?: boolean };
+
+/**
+ * What shows a grid; `showSelection()`: selection or cursor changed; `open(tile)`: it was double
+ * clicked.
+ */
+export interface GridHost<T extends Patch> {
+  describe: (tile: T) => Described;
+  showSelection: () => void;
+  open: (tile: T) => void;
+}
+
+export type Selecting = Pick<TileGrid<Patch>, "select" | "columns">;
+
+export type SelectionChange = (
+  selection: TileSelection,
+  event: KeyboardEvent,
+  grid: Selecting,
+) => unknown;
+
+// sheets/tile_pictures.js
+
+/** In pixels. */
+export interface Rectangle {
+  left: number;
+  top: number;
+  width: number;
+  height: number;
+}
+
+/** How tiles look: a size in CSS pixels and a margin around each patch in patches. */
+export type Look = { width: number, height: number, margin: number };
+
+export interface Chunk {
+  sprite: string;
+  elements: HTMLElement[];
+  look: Look;
+  image: HTMLImageElement | null;
+}
+
+// sheets/tile_sheet.js
+
+/** A patch as the server named it, with what was said of it then. */
+export type SaidPatch = Patch & { mine?: string | null, settled?: string | null };
+
+/** Where a person is in a sheet: what is shown, from which patch on, the one pointed at. */
+export interface SheetPlace {
+  which: string;
+  first: number;
+  at: Patch | null;
+  only?: { a: string, b: string } | null;
+  unsure?: boolean | null;
+}
+
+// files/class_editor.js
+
+export type Field = "name" | "color" | "key" | "obstacle" | "parent" | "description";
+
+// files/files_view.js
+
+/** Reads the chosen file. */
+export type Read = (named: Record<string, string>, apply?: boolean) => void;
+
+// start/header.js
+
+export type Person = { who: string, blind?: boolean };
