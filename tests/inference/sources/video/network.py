@@ -3,7 +3,7 @@
 import random
 import struct
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from .packets import SSRC, Packet, sender_report
 
@@ -53,7 +53,6 @@ class Network:
     duplicate: float = 0.0
     garbage: float = 0.0
     kinds: tuple[str, ...] = GARBAGE
-    lost: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self._random = random.Random(self.seed)
@@ -68,7 +67,6 @@ class Network:
         if draw() < self.garbage:
             out.append(garbage(self._random, datagram, self._random.choice(self.kinds)))
         if self._loses():
-            self.lost += 1
             return out
         copies = 2 if draw() < self.duplicate else 1
         if draw() < self.reorder:

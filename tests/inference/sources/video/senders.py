@@ -142,14 +142,6 @@ class Sender:
         self.stop()
         self.start()
 
-    def cpu_s(self) -> float:
-        """CPU seconds of its processes so far."""
-        ticks = 0
-        for process in self._running:
-            fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
-            ticks += int(fields[11]) + int(fields[12])
-        return ticks / os.sysconf("SC_CLK_TCK")
-
 
 def _feed(film: Film, first: int, stamps: Path | str) -> list[str]:
     here = [sys.executable, "-m", "tests.inference.sources.video.feed"]
