@@ -3,8 +3,9 @@
 import random
 import socket
 import threading
+import time
 from base64 import b64encode
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import cv2
@@ -18,11 +19,11 @@ from tests.waiting import until
 from tokt.features.frames.image_file import decode_image
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.reason import Reason
-from tokt.inference.sources.video.address import VideoAddress
 from tokt.inference.sources.video.mjpeg import Parts, jpeg_decoder, read_mjpeg
-from tokt.inference.sources.video.newest import NewestReading, StreamLostError
+from tokt.inference.sources.video.newest import StreamLostError
 
 from .pictures import bgr, number_of
+from .reading import reading, words_of
 from .senders import mjpeg
 
 
@@ -34,45 +35,45 @@ def jpeg(number, size=(320, 240), restarts=0):
 PICTURES = [jpeg(number) for number in range(4)]
 
 
-@contextmanager
-def reading(url):
-    """A reader of an address on a thread: what it puts, and why it ended."""
-    newest, words = NewestReading(), []
-    newest.alive = lambda: None  # the test's process is not to be ended
-
-    def work():
-        try:
-            read_mjpeg(VideoAddress.parse(url), newest)
-        except StreamLostError as error:
-            words.append(str(error))
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
-        yield newest, words
-    finally:
-        newest.stopped.set()
-        thread.join()
-
-
-def next_of(newest):
-    return until(lambda: newest.take(0.1))[1]
-
-
-def words_of(url):
-    """Why an address cannot be read."""
-    with reading(url) as (_, words):
-        until(lambda: words)
-    return words[0]
+def reads(url):
+    """What is read of an address."""
+    return reading(read_mjpeg, url)
 
 
 @contextmanager
 def server(answer):
     """A server whose answers a function writes; yields its address, which has no path."""
+    ended = threading.Event()
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self):
             answer(self)
+
+        def starts(self, boundary="b"):
+            """Begin a stream."""
+            self.answers(200, "Content-Type", f"multipart/x-mixed-replace; boundary={boundary}")
+
+        def answers(self, status, header, value):
+            self.send_response(status)
+            self.send_header(header, value)
+            self.end_headers()
+
+        def sends(self, *pictures, head=b""):
+            """Send pictures, one after the other."""
+            told = ((head + b"Content-Length: %d\r\n\r\n" % len(p), p) for p in pictures)
+            self.wfile.write(b"".join(b"--b\r\n" + head + p + b"\r\n" for head, p in told))
+            self.wfile.flush()
+
+        def repeats(self, picture, head=b""):
+            """Send a picture again and again, until the client goes."""
+            with suppress(OSError):
+                while not ended.wait(0.02):
+                    self.sends(picture, head=head)
+
+        def shows(self, picture, head=b""):
+            """Send a stream of one picture."""
+            self.starts()
+            self.repeats(picture, head)
 
         def log_message(self, *_):
             pass
@@ -84,6 +85,7 @@ def server(answer):
         try:
             yield f"127.0.0.1:{served.server_address[1]}"
         finally:
+            ended.set()
             served.shutdown()
             thread.join()
 
@@ -185,160 +187,113 @@ def test_zeros_in_front_of_the_end_and_after_it_are_padding():
 def test_a_stream_is_read_and_its_faults_are_no_pictures(tmp_path):
     with mjpeg(tmp_path) as camera:
         for fault in ("", "no%20length", "cut", "garbage"):
-            with reading(f"{camera.url}?fault={fault}") as (newest, _):
-                seen = [next_of(newest) for _ in range(6)]
+            with reads(f"{camera.url}?fault={fault}") as (newest, _):
+                seen = [newest.next() for _ in range(6)]
             numbers = [number_of(one.picture) for one in seen if one.picture is not None]
             assert None not in numbers
             assert numbers == sorted(numbers)
             reasons = {one.fault.reason for one in seen if one.picture is None}
             assert reasons == ({Reason.INCOMPLETE} if fault in ("cut", "garbage") else set())
-        assert "sends no more" in words_of(f"{camera.url}?fault=hangs")
-        assert "ended the stream" in words_of(f"{camera.url}?fault=ends")
-        assert "text/html, no stream" in words_of(f"{camera.url}?fault=page")
-        assert "404" in words_of(f"{camera.url}?fault=missing")
-
-
-def multipart(handler, boundary="b"):
-    handler.send_response(200)
-    handler.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={boundary}")
-    handler.end_headers()
-
-
-def send_part(handler, picture, head=b""):
-    told = b"Content-Length: %d\r\n" % len(picture)
-    handler.wfile.write(b"--b\r\n" + head + told + b"\r\n" + picture + b"\r\n")
-    handler.wfile.flush()
+        for fault, words in (
+            ("hangs", "sends no more"),
+            ("ends", "ended the stream"),
+            ("page", "text/html, no stream"),
+            ("missing", "404"),
+        ):
+            assert words in words_of(read_mjpeg, f"{camera.url}?fault={fault}")
 
 
 def test_what_was_held_up_gives_way_to_the_newest():
     def answer(handler):
-        multipart(handler)
-        handler.wfile.write(
-            b"".join(
-                b"--b\r\nContent-Length: %d\r\n\r\n" % len(p) + p
-                for p in PICTURES
-                for _ in range(5)
-            )
-        )
-        handler.wfile.flush()
+        handler.starts()
+        handler.sends(*(each for each in PICTURES for _ in range(5)))
         goes.wait()
 
-    goes = threading.Event()
-    with server(answer) as at, reading(f"http://{at}/") as (newest, _):
-        until(lambda: (got := next_of(newest).picture) is not None and number_of(got) == 3)
-        assert newest._count < 15
+    goes, taken = threading.Event(), []
+    with server(answer) as at, reads(f"http://{at}/") as (newest, _):
+
+        def is_last():
+            taken.append(newest.next().picture)
+            return taken[-1] is not None and number_of(taken[-1]) == 3
+
+        until(is_last)
+        assert len(taken) < 15
         goes.set()
 
 
 def test_times_that_a_server_tells_are_taken_over():
-    def answer(handler):
-        multipart(handler)
-        now = SYSTEM_CLOCK.time()
-        send_part(handler, PICTURES[0], b"X-Timestamp: %.3f\r\n" % now)
-        first.wait()
-        send_part(handler, PICTURES[1], b"X-Timestamp: %.3f\r\n" % (now - 0.6))
-        stop.wait()
+    """Also of when a picture came that was held up on its way."""
 
-    first, stop = threading.Event(), threading.Event()
-    with server(answer) as at, reading(f"http://{at}/") as (newest, _):
-        one = next_of(newest)
-        assert one.captured_t == one.taken_s
-        assert abs(one.captured_t - SYSTEM_CLOCK.time()) < 120
-        newest._taken_s = 0.0  # it came in the wrong order, which else leaves it out
+    def answer(handler):
+        handler.starts()
+        handler.sends(PICTURES[0], head=b"X-Timestamp: %.3f\r\n" % now)
+        first.wait()
+        time.sleep(0.3)
+        handler.repeats(PICTURES[1], b"X-Timestamp: %.3f\r\n" % (now + 0.1))
+
+    first, now = threading.Event(), SYSTEM_CLOCK.time()
+    with server(answer) as at, reads(f"http://{at}/") as (newest, _):
+        one = newest.next()
         first.set()
-        late = next_of(newest)
-        assert one.arrived - late.arrived == pytest.approx(0.6, abs=0.1)
-        stop.set()
+        other = newest.next()
+    assert one.captured_t == one.taken_s == pytest.approx(now, abs=0.001)
+    assert other.arrived - one.arrived == pytest.approx(0.1, abs=0.01)
 
 
 @pytest.mark.parametrize("stamp", [b"yesterday", b"-5", b"nan", b"1e300", b""])
 def test_times_that_make_no_sense_are_none(stamp):
-    def answer(handler):
-        multipart(handler)
-        send_part(handler, PICTURES[0], b"X-Timestamp: " + stamp + b"\r\n")
-        stop.wait()
-
-    stop = threading.Event()
-    with server(answer) as at, reading(f"http://{at}/") as (newest, _):
-        one = next_of(newest)
+    shows = lambda handler: handler.shows(PICTURES[0], b"X-Timestamp: " + stamp + b"\r\n")  # noqa: E731
+    with server(shows) as at, reads(f"http://{at}/") as (newest, _):
+        one = newest.next()
         assert one.captured_t is None
         assert one.taken_s is None
-        stop.set()
 
 
-def test_a_user_and_a_password_are_sent_where_they_are_asked_for():
+@pytest.mark.parametrize(
+    ("asks", "wanted"),
+    [
+        ('Basic realm="camera"', "Basic " + b64encode(b"me:it's").decode()),
+        ('Digest realm="camera", nonce="7", qop="auth", algorithm=MD5', 'Digest username="me"'),
+    ],
+)
+def test_a_user_and_a_password_are_sent_where_they_are_asked_for(asks, wanted):
     def answer(handler):
-        if handler.headers["Authorization"] == "Basic " + b64encode(b"me:it's").decode():
-            multipart(handler)
-            send_part(handler, PICTURES[2])
-            stop.wait()
+        if (handler.headers["Authorization"] or "").startswith(wanted):
+            handler.shows(PICTURES[2])
         else:
-            handler.send_response(401)
-            handler.send_header("WWW-Authenticate", 'Basic realm="camera"')
-            handler.end_headers()
+            handler.answers(401, "WWW-Authenticate", asks)
 
-    stop = threading.Event()
     with server(answer) as at:
-        assert "wants a user and a password" in words_of(f"http://{at}/")
-        assert "wants a user and a password" in words_of(f"http://me:wrong@{at}/")
-        with reading(f"http://me:it's@{at}/") as (newest, _):
-            assert next_of(newest).picture is not None
-            stop.set()
-
-
-def test_digest_is_answered():
-    def answer(handler):
-        given = handler.headers["Authorization"] or ""
-        if given.startswith("Digest") and 'username="me"' in given:
-            multipart(handler)
-            send_part(handler, PICTURES[2])
-            stop.wait()
-        else:
-            handler.send_response(401)
-            told = 'Digest realm="camera", nonce="7", qop="auth", algorithm=MD5'
-            handler.send_header("WWW-Authenticate", told)
-            handler.end_headers()
-
-    stop = threading.Event()
-    with server(answer) as at, reading(f"http://me:p@{at}/") as (newest, _):
-        assert next_of(newest).picture is not None
-        stop.set()
+        for other in ("", "you:wrong@"):
+            words = words_of(read_mjpeg, f"http://{other}{at}/")
+            assert "wants a user and a password" in words
+        with reads(f"http://me:it's@{at}/") as (newest, _):
+            assert newest.next().picture is not None
 
 
 @pytest.mark.parametrize("to", ["file:///etc/passwd", "ftp://127.0.0.1/x", "gopher://a"])
 def test_a_redirect_leads_nowhere_but_to_http(to):
-    def answer(handler):
-        handler.send_response(302)
-        handler.send_header("Location", to)
-        handler.end_headers()
-
-    with server(answer) as at:
-        words = words_of(f"http://{at}/")
+    with server(lambda handler: handler.answers(302, "Location", to)) as at:
+        words = words_of(read_mjpeg, f"http://{at}/")
     assert "302" in words or "unknown url type" in words
 
 
 def test_a_redirect_is_followed():
     def answer(handler):
         if handler.path == "/":
-            handler.send_response(302)
-            handler.send_header("Location", "/video")
-            handler.end_headers()
+            handler.answers(302, "Location", "/video")
         else:
-            multipart(handler)
-            send_part(handler, PICTURES[2])
-            stop.wait()
+            handler.shows(PICTURES[2])
 
-    stop = threading.Event()
-    with server(answer) as at, reading(f"http://{at}/") as (newest, _):
-        assert number_of(next_of(newest).picture) == 2
-        stop.set()
+    with server(answer) as at, reads(f"http://{at}/") as (newest, _):
+        assert number_of(newest.next().picture) == 2
 
 
 def test_nobody_who_answers_and_answers_that_are_none_are_told():
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))
-        assert "refused" in words_of(f"http://127.0.0.1:{bound.getsockname()[1]}/")
+        assert "refused" in words_of(read_mjpeg, f"http://127.0.0.1:{bound.getsockname()[1]}/")
     with server(lambda handler: handler.wfile.write(b"no HTTP\r\n\r\n")) as at:
-        assert "no sense" in words_of(f"http://{at}/")
-    with server(lambda handler: multipart(handler, "")) as at:
-        assert "no boundary" in words_of(f"http://{at}/")
+        assert "no sense" in words_of(read_mjpeg, f"http://{at}/")
+    with server(lambda handler: handler.starts("")) as at:
+        assert "no boundary" in words_of(read_mjpeg, f"http://{at}/")

@@ -1,10 +1,8 @@
 """MPEG-TS over UDP: the units that FFmpeg's demultiplexer finds, and nothing where some is lost."""
 
 import random
-import shutil
 import socket
 import sys
-import threading
 from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
@@ -19,7 +17,6 @@ from hypothesis import strategies as st
 from tests.tiers import scaled
 from tests.waiting import until
 from tokt.inference.reason import Reason
-from tokt.inference.sources.video.address import VideoAddress
 from tokt.inference.sources.video.mpegts import (
     PACKET,
     TransportReader,
@@ -28,10 +25,11 @@ from tokt.inference.sources.video.mpegts import (
     read_mpegts,
     received,
 )
-from tokt.inference.sources.video.newest import NewestReading, StreamLostError
+from tokt.inference.sources.video.newest import StreamLostError
 
 from .encoding import encode
 from .packets import transport_stream
+from .reading import reading, words_of
 from .senders import Film, ffmpeg_ts, free_port, needs_ffmpeg
 
 VIDEO_PID = 0x100
@@ -46,18 +44,18 @@ def pictures(datagrams, reader=None):
     reader, shown, faults = reader or TransportReader(), {}, []
     for number, data in enumerate(datagrams):
         now = number * 1e-4
-        for reading in reader.datagram(data, now):
-            if reading.picture is None:
-                faults.append(reading.fault)
+        for one in reader.datagram(data, now):
+            if one.picture is None:
+                faults.append(one.fault)
             else:
-                shown[reading.taken_s] = reading.picture.to_ndarray(format="yuv420p")
+                shown[one.taken_s] = one.picture.to_ndarray(format="yuv420p")
     return shown, faults
 
 
 def with_lengths(data):
     """The stream with the length of each of the video's PES packets, as some senders write it."""
     packets = [bytearray(data[at : at + PACKET]) for at in range(0, len(data), PACKET)]
-    video = [p for p in packets if int.from_bytes(p[1:3], "big") & 0x1FFF == VIDEO_PID]
+    video = [p for p in packets if is_video(p)]
     payload_at = [4 + (1 + p[4] if p[3] & 0x20 else 0) for p in video]
     begins = [place for place, p in enumerate(video) if p[1] & 0x40]
     for first, end in zip(begins, [*begins[1:], len(video)], strict=True):
@@ -69,6 +67,18 @@ def with_lengths(data):
 
 def in_datagrams(data, count=7):
     return [data[at : at + count * PACKET] for at in range(0, len(data), count * PACKET)]
+
+
+def is_video(packet):
+    return int.from_bytes(packet[1:3], "big") & 0x1FFF == VIDEO_PID
+
+
+def packets_of(units, codec, lengths=False):
+    """The stream's packets, and which of them are the video's: all, and those that begin a PES."""
+    data = b"".join(datagrams_of(units, codec))
+    packets = in_datagrams(with_lengths(data) if lengths else data, 1)
+    video = [place for place, packet in enumerate(packets) if is_video(packet)]
+    return packets, video, [place for place in video if packets[place][1] & 0x40]
 
 
 @pytest.mark.parametrize("lengths", [False, True])
@@ -107,7 +117,7 @@ def test_pictures_are_those_that_were_encoded(sent, film, truth):
         assert np.array_equal(picture, truth[number + offset])
 
 
-@settings(max_examples=scaled(60), deadline=None)
+@settings(max_examples=scaled(40), deadline=None)
 @given(seed=st.integers(0, 2**32), kind=st.sampled_from(["some", "burst", "one", "garbage"]))
 def test_whatever_is_lost_repeated_or_reordered_no_picture_differs(sent, seed, kind):
     datagrams, truth = sent
@@ -158,39 +168,28 @@ def test_a_stream_of_which_each_picture_is_damaged_does_not_count_as_late(sent):
     assert all(faults)
 
 
-def test_a_network_that_sends_a_datagram_twice_costs_nothing(sent):
-    datagrams, truth = sent
-    shown, _ = pictures([data for data in datagrams for _ in range(2)])
-    assert shown.keys() == truth.keys()
-
-
-def test_a_packet_that_comes_twice_is_legal(sent):
+def test_a_datagram_or_a_packet_that_comes_twice_costs_nothing(sent):
     datagrams, truth = sent
     packets = [p for data in datagrams for p in in_datagrams(data, 1)]
-    shown, _ = pictures([p + p for p in packets])
-    assert shown.keys() == truth.keys()
+    for twice in ([data for data in datagrams for _ in range(2)], [p + p for p in packets]):
+        assert pictures(twice)[0].keys() == truth.keys()
 
 
 def test_all_of_a_pictures_packets_lost_is_noticed_where_lengths_end_it_early(codec):
-    film = encode(codec, 40, key_every=20)
-    data = with_lengths(b"".join(datagrams_of(film, codec)))
-    packets = in_datagrams(data, 1)
-    begins = [place for place, p in enumerate(packets) if p[1:3] == b"\x41\x00"]
-    cut = packets[: begins[25]] + packets[begins[26] :]
-    shown, faults = pictures(cut)
+    packets, _, begins = packets_of(encode(codec, 40, key_every=20), codec, lengths=True)
+    shown, faults = pictures(packets[: begins[25]] + packets[begins[26] :])
     assert len(shown) == len(pictures(packets)[0]) - 15
     assert any("packets of it are lost" in str(fault) for fault in faults)
 
 
 def test_whole_pictures_lost_in_a_run_of_16_are_told_where_lengths_end_them(film, codec):
-    packets = in_datagrams(with_lengths(b"".join(datagrams_of(film, codec))), 1)
-    begins = [n for n, p in enumerate(packets) if p[1] & 0x5F == 0x41 and p[2] == 0]
+    packets, video, begins = packets_of(film, codec, lengths=True)
     first, later = begins[20], begins[23]
+    last = packets[max(place for place in video if place < first)]
     rest = packets[later:]
-    last = next(p for p in reversed(packets[:first]) if p[1] & 0x1F == 1 and p[2] == 0)
     shift = ((last[3] & 15) + 1 - rest[0][3]) & 15  # as if their number were a multiple of 16
     moved = [
-        p[:3] + bytes([p[3] & 0xF0 | (p[3] + shift) & 15]) + p[4:] if p[1] & 0x1F == 1 else p
+        p[:3] + bytes([p[3] & 0xF0 | (p[3] + shift) & 15]) + p[4:] if is_video(p) else p
         for p in rest
     ]
     _, faults = pictures(packets[:first] + moved)
@@ -200,10 +199,9 @@ def test_whole_pictures_lost_in_a_run_of_16_are_told_where_lengths_end_them(film
 @pytest.mark.parametrize(("count", "told"), [(340, ""), (356, "a part of it is missing")])
 def test_a_picture_that_may_go_on_in_the_next_pes_packet_is_none(count, told):
     """A sender that writes lengths can give no PES packet more than 64 kB."""
-    data = with_lengths(b"".join(datagrams_of(encode("h264", 12), "h264")))
-    number = [p[3] & 15 for p in in_datagrams(data, 1) if p[1] & 0x1F == 1 and p[2] == 0][-1]
-    stream = TransportStream()
-    ticks = [u.timestamp for piece in in_datagrams(data) for u in stream.add(piece, 0.0)][-1] + 3000
+    packets, video, _ = packets_of(encode("h264", 12), "h264", lengths=True)
+    number, stream = packets[video[-1]][3] & 15, TransportStream()
+    ticks = [unit.timestamp for piece in packets for unit in stream.add(piece, 0.0)][-1] + 3000
     time = bytes([0x21 | ticks >> 30 << 1, ticks >> 22 & 255, ticks >> 14 & 254 | 1])
     time += bytes([ticks >> 7 & 255, ticks << 1 & 254 | 1])
     head = b"\0\0\1\xe0" + (count * 184 - 6).to_bytes(2, "big") + b"\x80\x80\5" + time
@@ -218,14 +216,24 @@ def test_a_picture_that_may_go_on_in_the_next_pes_packet_is_none(count, told):
 
 def test_a_run_of_16_lost_packets_is_told_by_the_length(codec):
     film = encode(codec, 30, size=(480, 320), key_every=10, bitrate=2_000_000)
-    data = with_lengths(b"".join(datagrams_of(film, codec)))
-    packets = in_datagrams(data, 1)
-    video = [n for n, p in enumerate(packets) if p[1:3] == b"\x01\x00"]
-    run = next(n for n in video if n > 200 and all(n + k in video for k in range(16)))
+    packets, video, begins = packets_of(film, codec, lengths=True)
+    within = set(video) - set(begins)
+    run = next(n for n in video if n > 200 and all(n + k in within for k in range(16)))
     shown, faults = pictures(packets[:run] + packets[run + 16 :])
     truth, _ = pictures(packets)
     assert all(np.array_equal(picture, truth[t]) for t, picture in shown.items())
     assert any("a part of it is missing" in str(fault) for fault in faults)
+
+
+def test_a_run_of_16_that_takes_whole_pictures_along_is_told_by_the_times(film, codec):
+    packets, video, begins = packets_of(film, codec)
+    truth, _ = pictures(packets)
+    runs = [{*video[at : at + 16]} for at in range(150, len(video) - 80, 7)]
+    several = [run for run in runs if len(run.intersection(begins)) > 1]
+    assert len(several) > 5
+    for run in several[::3]:
+        shown, _ = pictures([p for n, p in enumerate(packets) if n not in run])
+        assert all(np.array_equal(picture, truth[t]) for t, picture in shown.items())
 
 
 def test_damaged_and_scrambled_packets_are_no_picture(sent):
@@ -265,64 +273,45 @@ def test_times_go_on_where_33_bits_begin_anew(codec):
     assert steps == {round(1 / 30, 4)}
 
 
-def reading(url):
-    """A reader of an address on a thread: what it puts, and how it is ended."""
-    newest, words = NewestReading(), []
-    newest.alive = lambda: None  # the test's process is not to be ended
-
-    def work():
-        try:
-            read_mpegts(VideoAddress.parse(url), newest)
-        except StreamLostError as error:
-            words.append(str(error))
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    return newest, thread, words
+def whole_of(newest):
+    """The newest reading, if it is of a picture."""
+    taken = newest.take(0.1)
+    return taken[1] if taken and taken[1].picture is not None else None
 
 
 @pytest.mark.parametrize("form", ["udp://127.0.0.1:{}", "udp://@127.0.0.1:{}"])
 def test_a_port_is_listened_on(sent, form):
     datagrams, _ = sent
     port = free_port()
-    newest, thread, words = reading(form.format(port))
-    shown = []
-    try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
 
-            def sends():
-                for data in datagrams:
-                    sender.sendto(data, ("127.0.0.1", port))
-                taken = newest.take(0.1)
-                shown.extend([taken[1]] if taken and taken[1].picture is not None else [])
-                return shown
+    def sends():
+        for data in datagrams:
+            sender.sendto(data, ("127.0.0.1", port))
+        return whole_of(newest)
 
-            until(sends)
-    finally:
-        newest.stopped.set()
-        thread.join()
+    with (
+        reading(read_mpegts, form.format(port)) as (newest, words),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        until(sends)
     assert words == []
 
 
-def test_a_port_that_another_has_is_told(sent):
+def test_a_port_that_another_has_is_told():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
-        _, thread, words = reading(f"udp://127.0.0.1:{other.getsockname()[1]}")
-        thread.join()
-    assert words and "nobody can listen on" in words[0]
+        words = words_of(read_mpegts, f"udp://127.0.0.1:{other.getsockname()[1]}")
+    assert "nobody can listen on" in words
 
 
 @needs_ffmpeg
 def test_ffmpegs_own_sender_is_read(tmp_path):
-    assert shutil.which("ffmpeg")
-    with ffmpeg_ts(tmp_path, Film(key_every=10)) as camera:
-        newest, thread, _ = reading(camera.url)
-        try:
-            taken = until(lambda: (got := newest.take(0.1)) and got[1].picture and got[1])
-            assert (taken.picture.width, taken.picture.height) == (320, 240)
-        finally:
-            newest.stopped.set()
-            thread.join()
+    with (
+        ffmpeg_ts(tmp_path, Film(key_every=10)) as camera,
+        reading(read_mpegts, camera.url) as (newest, _),
+    ):
+        picture = until(lambda: whole_of(newest)).picture
+    assert (picture.width, picture.height) == (320, 240)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells")
@@ -343,15 +332,3 @@ def test_what_this_computer_drops_is_told():
                         port.settimeout(0.01)
     assert counts[0] == 0
     assert counts[1] > 0
-
-
-def test_a_run_of_16_that_takes_whole_pictures_along_is_told_by_the_times(film, codec):
-    packets = in_datagrams(b"".join(datagrams_of(film, codec)), 1)
-    truth, _ = pictures(packets)
-    video = [n for n, p in enumerate(packets) if p[1] & 0x1F == 1 and p[2] == 0]
-    runs = [video[at : at + 16] for at in range(150, len(video) - 80, 7)]
-    several = [run for run in runs if sum(packets[n][1] >> 6 & 1 for n in run) > 1]
-    assert len(several) > 5
-    for run in several:
-        shown, _ = pictures([p for n, p in enumerate(packets) if n not in run])
-        assert all(np.array_equal(picture, truth[t]) for t, picture in shown.items())
