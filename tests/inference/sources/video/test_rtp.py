@@ -1,5 +1,6 @@
 """RTP: packets, order and clocks; streams over bad networks: no picture that was not sent."""
 
+import pickle
 import re
 import struct
 from dataclasses import replace
@@ -192,10 +193,8 @@ def test_a_picture_parameter_set_has_a_number_of_its_own():
     ]
     truth = dict(decoded(film, "h264"))
     assert numbers(read(rtp_packets(film)), truth) == list(range(60))
-    assert numbers(read(rtp_packets([unit for unit in film if unit.number != 20])), truth) == [
-        *range(20),
-        *range(30, 60),
-    ]
+    missing = [unit for unit in film if unit.number != 20]
+    assert numbers(read(rtp_packets(missing)), truth) == [*range(20), *range(30, 60)]
 
 
 def test_a_key_picture_without_its_beginning_is_none(film, codec, truth):
@@ -262,14 +261,7 @@ def test_another_size_follows(codec):
     assert numbers(readings, truth) == [*range(15), *range(100, 115)]
 
 
-@pytest.fixture(scope="module")
-def films():
-    """Both codecs' films, with what they decode to."""
-    made = {name: encode(name, 60, key_every=15) for name in CODECS}
-    return {name: (film, dict(decoded(film, name))) for name, film in made.items()}
-
-
-@settings(max_examples=scaled(200))
+@settings(max_examples=scaled(120))
 @given(
     seed=st.integers(0, 2**32),
     loss=st.floats(0, 0.3),
@@ -280,16 +272,14 @@ def films():
 )
 # A key picture right after the join came whole, and what follows it is lost.
 @example(seed=2262, loss=0.25, burst=3.0, more=(0.0, 0.0, 0.0), mtu=1400, first=65)
-@pytest.mark.parametrize("name", ["h264", "h265"])
 def test_no_network_makes_a_picture_that_was_not_sent(
-    name, films, seed, loss, burst, more, mtu, first
+    film, codec, truth, seed, loss, burst, more, mtu, first
 ):
-    film, truth = films[name]
     reorder, duplicate, invented = more
     network = Network(seed, loss, burst, reorder, duplicate=duplicate, garbage=invented)
-    capture = cut(rtp_packets(film, name, mtu=mtu, report_every=10), first)
+    capture = cut(rtp_packets(film, codec, mtu=mtu, report_every=10), first)
     passed = network.over(capture)
-    shown = set(numbers(read(passed, name), truth)) if passed else set()
+    shown = set(numbers(read(passed, codec), truth)) if passed else set()
     # A key picture all of which came, and what came whole after it, is shown. Its end is known by
     # what follows it, or by its marker once the reader has seen what markers mean.
     if not any(more):
@@ -332,7 +322,7 @@ def numbered(sequence, ssrc=1, arrived=0.0):
     return RtpPacket(ssrc, sequence & 0xFFFF, 0, 96, False, b"x", arrived)
 
 
-def test_a_gap_is_waited_for_and_then_told(monkeypatch):
+def test_a_gap_is_waited_for_and_then_told():
     order = PacketOrder()
     assert order.add(numbered(65_534)) == []
     first = order.add(numbered(65_535))
@@ -359,18 +349,16 @@ def test_what_others_send_is_not_kept():
         assert order.add(numbered(number, arrived=at))
         order.add(numbered(2 * number, ssrc=2, arrived=at))
         order.add(numbered(number, ssrc=number, arrived=at))
-    kept = [each for held in order._candidates.values() for each in held]
-    assert len(kept) < 100 and len(order._ahead) == 0
+    assert len(pickle.dumps(order)) < 100 * len(pickle.dumps(numbered(1)))
 
 
 def test_a_day_of_time_stamps_does_not_drift():
     """Time stamps of a crystal that is 80 ppm fast wrap each 13 hours; reports come each 5 s."""
     clock, delay, fast = SenderClock(), Delay(), 1 + 80e-6
     first, utc, wrong, late = 4_000_000_000, 1_790_000_000.0, [], []
-    for at in range(0, 24 * 3600 * 2):
-        now = at / 2
+    for now in range(24 * 3600):
         stamp = round(first + now * fast * RTP_HZ) % 2**32
-        if at % 10 == 0:
+        if now % 5 == 0:
             clock.report(utc + now, stamp)
         wrong.append(abs(clock.utc(stamp) - (utc + now)))
         late.append(now - delay.undelayed(clock.seconds(stamp), now))

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 from tokt.inference.sources.video.address import VideoAddress
-from tokt.inference.sources.video.newest import NewestReading, Reading, StreamLostError
+from tokt.inference.sources.video.newest import Reading, StreamLostError
 from tokt.inference.sources.video.rtp import Delay
 from tokt.inference.sources.video.rtsp import _Packets, read_rtsp
 
 from .encoding import encode
 from .packets import nal_units, rtp_packets, sdp
+from .reading import Newest
 
 OK = "RTSP/1.0 200 OK\r\n"
 SDP = sdp(0).replace("c=IN", "a=control:*\r\nc=IN")
@@ -29,13 +30,6 @@ ANSWERS = {
     "SETUP": f"{OK}Session: 1\r\nTransport: {{transport}}\r\n\r\n",
     "PLAY": f"{OK}Session: 1\r\n\r\n",
 }
-
-
-class Reader(NewestReading):
-    """Without the alarm that would end the tests' process."""
-
-    def alive(self):
-        pass
 
 
 @contextmanager
@@ -116,7 +110,7 @@ HOSTILE = {
 def test_answers_that_make_no_sense(kind, monkeypatch):
     monkeypatch.setattr("tokt.inference.sources.video.rtsp._ANSWER_S", 0.5)
     with server(HOSTILE[kind]) as port, pytest.raises(StreamLostError) as caught:
-        read_rtsp(VideoAddress.parse(f"rtsp://pilot:secret@127.0.0.1:{port}/x"), Reader())
+        read_rtsp(VideoAddress.parse(f"rtsp://pilot:secret@127.0.0.1:{port}/x"), Newest())
     assert "secret" not in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -141,7 +135,7 @@ def test_what_ends_a_stream_ends_its_session(scheme):
                 if select.select([connection], [], [], 0)[0]:
                     return  # it is asked to end
 
-    newest = Reader()
+    newest = Newest()
     with server({"DESCRIBE": OK + head + described}, played) as port:
         timer = threading.Timer(20.0, newest.stopped.set)
         timer.start()
@@ -151,7 +145,7 @@ def test_what_ends_a_stream_ends_its_session(scheme):
 
 
 def test_a_server_that_refuses_to_be_asked_goes_on_being_shown():
-    newest, film, asked = Reader(), encode("h264", 10), []
+    newest, film, asked = Newest(), encode("h264", 10), []
 
     def played(connection, ports):
         asked.append(ports)
@@ -183,7 +177,7 @@ def test_a_server_that_refuses_to_be_asked_goes_on_being_shown():
 )
 def test_what_a_server_had_kept_is_not_shown_as_fresh(heard, first):
     packets, delay, shown = _Packets(), Delay(), []
-    packets.newest = Reader()
+    packets.newest = Newest()
     packets.newest.put = lambda reading: shown.append(round(reading.taken_s * 30))
     for number in range(300):
         packets.heard = heard(number)
