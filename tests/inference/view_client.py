@@ -4,7 +4,9 @@ import http.client
 import json
 import os
 import socket
+import time
 from contextlib import ExitStack, contextmanager
+from urllib.parse import quote
 
 import cv2
 import numpy as np
@@ -25,6 +27,10 @@ LONG = Limits(stale_s=MAX_S, heartbeat_s=MAX_S)
 """Nothing is old while a busy machine takes its time."""
 
 
+_FRAME_S = 0.03
+"""Between two frames, as a camera gives them: else a wait would keep a processor busy."""
+
+
 class Viewed:
     """A live view, and a hand that shows it frames."""
 
@@ -41,7 +47,8 @@ class Viewed:
         self.view = LiveView(listener, token, record, *told)
 
     def see(self, patches=(), left=None, age_s=0.0):
-        """Have a frame judged; its report."""
+        """Have a frame judged, at a camera's pace; its report."""
+        time.sleep(_FRAME_S)
         number = self.source._number
         left = draw(list(patches), number % 50) if left is None else left
         frame = self.source.frame(left, age_s)
@@ -57,7 +64,7 @@ class Viewed:
 
         def look():
             self.see(patches, **more)
-            status, headers, body = self.get(f"/picture?token={self.token or ''}")
+            status, headers, body = self.get(f"/picture?token={quote(self.token or '')}")
             words = json.loads(headers["X-Tokt"]) if status == 200 else {"word": status}
             return (words, decoded(body)) if words["word"] == word else None
 

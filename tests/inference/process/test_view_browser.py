@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from tests.inference.view_client import viewed
-from tests.load.page.tab import chromium
 from tests.waiting import MAX_S, until
-from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import Limits
 from tokt.inference.outputs import view as view_module
@@ -21,12 +19,10 @@ PHONE = {"width": 360, "height": 640}
 
 
 @pytest.fixture(scope="module")
-def browser():
-    try:
-        with chromium() as started:
-            yield started
-    except ToktError as error:
-        pytest.skip(str(error))
+def view():
+    """One that tests look at which do it no harm."""
+    with viewed() as made:
+        yield made
 
 
 @pytest.fixture
@@ -77,28 +73,27 @@ def pixels(page, of="img"):
     return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR).astype(int)
 
 
-def test_a_phone_shows_all_of_it_without_scrolling_sideways(open_page):
-    with viewed() as view:
-        page = open_page(view.url)
-        until_says(view, page, "OBSTACLE", patches=[(4, 2)])
-        named = [page.locator(kind).all_inner_texts() for kind in ("dt", "dd")]
-        facts = dict(zip(*named, strict=True))
-        assert list(facts) == ["verdict", "age", "steer", "model", "health"]
-        assert facts["steer"].startswith("right") and facts["age"].endswith(" s")
-        assert page.evaluate("document.documentElement.scrollWidth") <= 360
-        box = page.locator("img").bounding_box()
-        assert (box["x"], box["width"]) == (0, 360) and box["y"] == 0
-        assert page.evaluate("getComputedStyle(document.querySelector('dd')).fontSize") == "16px"
-        assert np.abs(pixels(page)[3, 34] - [30, 30, 200]).max() < 20  # the banner
-        # Of the last minute: now is at the right, and moves on while the page is drawn.
-        until(
-            lambda: (
-                view.see([(4, 2)])
-                and (np.abs(pixels(page)[-4, -6:] - [30, 30, 200]).max(axis=1) < 40).any()
-            )
+def test_a_phone_shows_all_of_it_without_scrolling_sideways(open_page, view):
+    page = open_page(view.url)
+    until_says(view, page, "OBSTACLE", patches=[(4, 2)])
+    named = [page.locator(kind).all_inner_texts() for kind in ("dt", "dd")]
+    facts = dict(zip(*named, strict=True))
+    assert list(facts) == ["verdict", "age", "steer", "model", "health"]
+    assert facts["steer"].startswith("right") and facts["age"].endswith(" s")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    box = page.locator("img").bounding_box()
+    assert (box["x"], box["width"]) == (0, 360) and box["y"] == 0
+    assert page.evaluate("getComputedStyle(document.querySelector('dd')).fontSize") == "16px"
+    assert np.abs(pixels(page)[3, 34] - [30, 30, 200]).max() < 20  # the banner
+    # Of the last minute: now is at the right, and moves on while the page is drawn.
+    until(
+        lambda: (
+            view.see([(4, 2)])
+            and (np.abs(pixels(page)[-4, -6:] - [30, 30, 200]).max(axis=1) < 40).any()
         )
-        until_says(view, page, "CLEAR", patches=[])
-        assert np.abs(pixels(page)[3, 34] - [60, 110, 20]).max() < 20
+    )
+    until_says(view, page, "CLEAR", patches=[])
+    assert np.abs(pixels(page)[3, 34] - [60, 110, 20]).max() < 20
 
 
 def drag(page, *ends, button="left"):
@@ -159,14 +154,6 @@ def test_a_box_drawn_on_the_page_names_the_object_of_that_very_frame(open_page, 
         until(lambda: view.see([(4, 2)]) and "cannot be held" in page.locator("dl").inner_text())
 
 
-def test_in_another_page_s_frame_there_is_no_button(open_page, other_site):
-    with viewed() as view:
-        other_site.page = f'<iframe src="{view.url}"></iframe>'
-        page = open_page(f"http://localhost:{other_site.server_address[1]}/")
-        until_says(view, page.frames[1], "CLEAR", patches=[])
-        assert not page.frames[1].locator("button").is_visible()
-
-
 @pytest.fixture
 def other_site():
     """A page of another origin that frames an address, and shows a stream beside it."""
@@ -187,15 +174,20 @@ def other_site():
         server.shutdown()
 
 
-@pytest.mark.parametrize("token", [None, "a b/c"])
-def test_another_site_s_page_frames_it_and_shows_the_stream(open_page, other_site, token):
-    with viewed(token=token) as view:
-        stream = view.url.replace("/?", "/stream.mjpg?") if token else view.url + "stream.mjpg"
-        other_site.page = f'<iframe src="{view.url}"></iframe><img src="{stream}">'
-        page = open_page(
-            f"http://localhost:{other_site.server_address[1]}/", {"width": 900, "height": 500}
-        )
-        inner = page.frames[1]
+def framed_in(other_site, open_page, *tags):
+    """A page of another site with these tags, and the first one's inner page."""
+    other_site.page = "".join(tags)
+    page = open_page(
+        f"http://localhost:{other_site.server_address[1]}/", {"width": 900, "height": 500}
+    )
+    return page, page.frames[1]
+
+
+def test_another_site_s_page_frames_it_and_shows_the_stream(open_page, other_site):
+    with viewed(token="a b/c") as view:
+        stream = view.url.replace("/?", "/stream.mjpg?")
+        tags = f'<iframe src="{view.url}"></iframe>', f'<img src="{stream}">'
+        page, inner = framed_in(other_site, open_page, *tags)
         until_says(view, inner, "OBSTACLE", patches=[(4, 2)])
         until(
             lambda: view.see([(4, 2)]) and page.evaluate("document.images[0].naturalWidth") == 720
@@ -208,17 +200,18 @@ def test_another_site_s_page_frames_it_and_shows_the_stream(open_page, other_sit
         )
 
 
-def test_a_hidden_frame_shows_what_is_true_when_it_is_back(open_page, other_site):
+def test_a_hidden_frame_has_no_button_and_shows_what_is_true_when_it_is_back(
+    view, open_page, other_site
+):
     """As Cockpit hides the widgets of another of its views."""
-    with viewed() as view:
-        other_site.page = f'<iframe src="{view.url}"></iframe>'
-        page = open_page(f"http://localhost:{other_site.server_address[1]}/")
-        until_says(view, page.frames[1], "CLEAR", patches=[])
-        page.evaluate("document.querySelector('iframe').style.display = 'none'")
-        page.wait_for_timeout(2000)
-        view.until_shown("OBSTACLE", [(4, 2)])
-        page.evaluate("document.querySelector('iframe').style.display = ''")
-        until_says(view, page.frames[1], "OBSTACLE", patches=[(4, 2)])
+    page, inner = framed_in(other_site, open_page, f'<iframe src="{view.url}"></iframe>')
+    until_says(view, inner, "CLEAR", patches=[])
+    assert not inner.locator("button").is_visible()
+    page.evaluate("document.querySelector('iframe').style.display = 'none'")
+    page.wait_for_timeout(2000)
+    view.until_shown("OBSTACLE", [(4, 2)])
+    page.evaluate("document.querySelector('iframe').style.display = ''")
+    until_says(view, inner, "OBSTACLE", patches=[(4, 2)])
 
 
 def test_without_the_token_it_says_what_to_open(open_page):
@@ -231,21 +224,20 @@ def test_without_the_token_it_says_what_to_open(open_page):
         assert "Open the address that tokt run printed" in page.content()
 
 
-@pytest.mark.parametrize("how", [signal.SIGSTOP, signal.SIGKILL])
-def test_a_server_that_hangs_or_is_gone_is_no_signal_until_it_is_back(open_page, monkeypatch, how):
+def test_a_server_that_hangs_or_is_gone_is_no_signal_until_it_is_back(open_page, monkeypatch):
     monkeypatch.setattr(view_module, "ANSWER_S", 1.0)
     with viewed() as view:
         page = open_page(view.url)
-        until_says(view, page, "CLEAR", patches=[])
-        view.signal(how)
-        until_says(view, page, "NO SIGNAL", covered=True)
-        seconds = page.evaluate("passed(news) / 1000")
-        assert seconds >= 1
-        cover, whole = page.locator("#cover").bounding_box(), page.locator("img").bounding_box()
-        assert all(abs(cover[side] - whole[side]) < 1 for side in ("x", "y", "width", "height"))
-        shown = pixels(page, "#cover")
-        assert (shown.max(axis=2) - shown.min(axis=2) < 30).mean() > 0.8  # nothing of the picture
-        until_says(view, page, "OBSTACLE", patches=[(4, 2)])
+        for how in (signal.SIGSTOP, signal.SIGKILL):
+            until_says(view, page, "CLEAR", patches=[])
+            view.signal(how)
+            until_says(view, page, "NO SIGNAL", covered=True)
+            assert page.evaluate("passed(news) / 1000") >= 1
+            cover, whole = page.locator("#cover").bounding_box(), page.locator("img").bounding_box()
+            assert all(abs(cover[side] - whole[side]) < 1 for side in cover)
+            shown = pixels(page, "#cover")
+            assert (shown.max(axis=2) - shown.min(axis=2) < 30).mean() > 0.8  # not the picture
+            until_says(view, page, "OBSTACLE", patches=[(4, 2)])
 
 
 def test_old_counts_up_and_ended_stays(open_page):
@@ -262,28 +254,26 @@ def test_old_counts_up_and_ended_stays(open_page):
             look = "() => { look(); return document.querySelectorAll('dd')[1].textContent; }"
             ages.append(float(page.evaluate(look)[:-2]))
             assert ages[-1] >= least_s - 0.06  # it is rounded
-            return ages[-1] > 3
+            return len(set(ages)) > 5
 
         until(count)
-        assert len(set(ages)) > 5
         view.view.close()
         until_says(view, page, "ENDED")
-        page.wait_for_timeout(1500)
+        page.wait_for_timeout(1200)
         assert verdict(page) == ("ENDED the run is over", "")
 
 
-def test_a_computer_that_slept_shows_nothing_of_before(open_page):
+def test_a_computer_that_slept_shows_nothing_of_before(open_page, view):
     """The page's monotonic clock stood still meanwhile: at once, not a second after it woke."""
-    with viewed() as view:
-        page = open_page(view.url)
-        until_says(view, page, "CLEAR", patches=[])
-        slept = """() => {
-          const now = Date.now;
-          Date.now = () => now() + 60000;
-          look();
-          const covered = !document.getElementById("cover").hidden;
-          Date.now = now;
-          return covered;
-        }"""
-        assert page.evaluate(slept)
-        until_says(view, page, "CLEAR", patches=[])
+    page = open_page(view.url)
+    until_says(view, page, "CLEAR", patches=[])
+    slept = """() => {
+      const now = Date.now;
+      Date.now = () => now() + 60000;
+      look();
+      const covered = !document.getElementById("cover").hidden;
+      Date.now = now;
+      return covered;
+    }"""
+    assert page.evaluate(slept)
+    until_says(view, page, "CLEAR", patches=[])
