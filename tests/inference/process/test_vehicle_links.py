@@ -9,11 +9,11 @@ from subprocess import DEVNULL, Popen
 
 import pytest
 
-from tests.calls import run_python
+from tests.calls import call_tokt
 from tests.inference.links.test_autopilot import ATTITUDE, BEAT, packed, position
 from tests.inference.links.test_nmea import sentence
 from tests.inference.live import bound_socket, start_tokt
-from tests.inference.logged_runs import lines
+from tests.inference.logged_runs import lines, write_lines
 from tests.waiting import MAX_S, until
 
 pytest.importorskip("pymavlink")
@@ -48,7 +48,7 @@ def until_placed(receiver, speak):
 
 
 def test_the_place_of_an_autopilot_over_tcp_is_kept(make_mission, bundle_file, receiver, tmp_path):
-    folder = make_mission([[(4, 4)] if n % 20 > 9 else [] for n in range(200)])
+    folder = make_mission([[(4, 4)] if n % 4 > 1 else [] for n in range(100)])
     log = tmp_path / "log.jsonl"
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(MAX_S)
@@ -57,12 +57,12 @@ def test_the_place_of_an_autopilot_over_tcp_is_kept(make_mission, bundle_file, r
         program = frames_of(address, folder, bundle_file, receiver, *kept)
         channel, _ = server.accept()
         with channel:
-            fields = until_placed(
-                receiver, lambda: channel.sendall(packed(position()) + packed(ATTITUDE))
-            )
+            speak = lambda: channel.sendall(packed(position()) + packed(ATTITUDE))  # noqa: E731
+            fields = until_placed(receiver, speak)
             assert {name: fields[name] for name in PLACE} == PLACE
-            # It goes on to its end, whether or not anybody reads.
-            _, said = program.communicate(timeout=MAX_S)
+            assert [until_placed(receiver, speak)["status"] for _ in range(4)].count(1) >= 1
+    program.terminate()
+    _, said = program.communicate(timeout=MAX_S)
     assert program.returncode == 0, said
     placed = [line for line in lines(log) if line["depth_m"] is not None]
     assert {name: placed[-1][name] for name in PLACE} == PLACE
@@ -71,19 +71,18 @@ def test_the_place_of_an_autopilot_over_tcp_is_kept(make_mission, bundle_file, r
     (recording,) = (tmp_path / "kept").glob("run-*")
     assert lines(recording / "recording.jsonl")[-1].keys() >= LATER
     # A replay compares what was judged; a log and a recording of yesterday have no place.
-    for path in (log, recording / "recording.jsonl"):
+    for path, place in ((log, log), (recording / "recording.jsonl", recording)):
         for older in (False, True):
             if older:
                 found = [{k: v for k, v in line.items() if k not in LATER} for line in lines(path)]
-                path.write_text("".join(json.dumps(line) + "\n" for line in found))
-            place = path if path == log else recording
-            done = run_python("-m", "tokt", "replay", place, "--bundle", bundle_file, "--json")
-            assert done.returncode == 0, done.stderr
-            assert json.loads(done.stdout)["same"], done.stdout
+                write_lines(path, found)
+            done = call_tokt("replay", place, "--bundle", bundle_file, "--json")
+            assert done.code == 0, done.err
+            assert json.loads(done.out)["same"], done.out
 
 
 def test_the_place_of_nmea_sensors(make_mission, bundle_file, receiver, closed_port):
-    folder = make_mission([[]] * 200)
+    folder = make_mission([[]] * 100)
     port, here = receiver.getsockname()[1], ("127.0.0.1", closed_port)
     program = start_tokt(
         *("run", "--bundle", bundle_file, "--source", folder, "--rate", "20", "--nmea-dpt"),

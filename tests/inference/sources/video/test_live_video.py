@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -130,10 +131,15 @@ def opened(url, **options):
 
 
 def test_what_cannot_be_opened():
-    port = free_port()
-    refuses(f"source rtp://127.0.0.1:{port}: nothing has come", opened, f"rtp://127.0.0.1:{port}")
+    """At the same time: each is tried for 8 s."""
     refuses("--split is left-right", opened, "rtp://:1", split="x")
-    refuses("no RTSP session", opened, f"rtsp://u:secret@127.0.0.1:{port}/x")
+    port = free_port()
+    wrong = {
+        f"rtp://127.0.0.1:{port}": f"source rtp://127.0.0.1:{port}: nothing has come",
+        f"rtsp://u:secret@127.0.0.1:{port}/x": "no RTSP session",
+    }
+    with ThreadPoolExecutor() as pool:
+        assert all(pool.map(lambda url: refuses(wrong[url], opened, url), wrong))
 
 
 @needs_gst_rtsp
