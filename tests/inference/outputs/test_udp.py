@@ -60,9 +60,11 @@ def test_an_independent_parser_reads_v1_over_a_real_socket(status, x, y, mean):
         sender = UdpSender(*receiver.getsockname(), 1)
         sender.send(Report(1, 1, 0.0, 1.0, a_verdict(status, x, y, mean)))
         sender.close()
-        got = parse_v1_by_the_design(receiver.recv(4096))
+        data = receiver.recv(4096)
+    got = parse_v1_by_the_design(data)
     assert got[:3] == (status, x, y)
     assert got[3] == pytest.approx(mean, rel=1e-11, abs=0)
+    assert [*decode(data).values()] == [1, *got]
 
 
 def test_v1_says_nothing_about_unknown():
@@ -74,35 +76,11 @@ def test_v1_says_nothing_about_unknown():
     assert (sender.sent, sender.failed) == (0, 0)
 
 
-def test_v2_says_minus_one_about_unknown():
-    fields = decode(encode_v2(Report(5, 17, 1.5, 2.0, unknown_verdict(DARK))))
-    assert fields["status"] == -1 and fields["health"] == "dark" and fields["x"] is None
-    assert fields["reason"] == "dark"
-
-
 def test_a_heartbeat_before_the_first_frame_has_no_time():
     silent = unknown_verdict(Fault(Reason.NO_FRAME, "no frame has come yet"))
     fields = decode(encode_v2(Report(1, None, None, None, silent)))
     assert (fields["status"], fields["reason"]) == (-1, "no_frame")
     assert (fields["t"], fields["latency_ms"], fields["age_ms"]) == (None, None, None)
-
-
-def test_v2_has_the_fields_of_the_design():
-    fields = json.loads(encode_v2(Report(1, 1, 0.0, 1.0, a_verdict())))
-    assert " ".join(fields) == (
-        "v seq t status x y box mean distance_m method model latency_ms health "
-        "closing_m_s contact_s reason age_ms trend trend_confidence expansion_contact_s "
-        "anchor_x anchor_y anchor_size depth_m heading_deg lat_deg lon_deg classes moving "
-        "anchor"
-    )
-
-
-@given(st.sampled_from([0, 1]), positions, positions, means)
-def test_v1_round_trip(status, x, y, mean):
-    data = encode_v1(a_verdict(status, x, y, mean))
-    fields = decode(data)
-    assert (fields["v"], fields["status"], fields["x"], fields["y"]) == (1, status, x, y)
-    assert fields["mean"] == float(f"{mean:.12g}")
 
 
 @settings(max_examples=scaled(40))
@@ -189,11 +167,6 @@ def test_what_the_contract_does_not_name_is_left_out(extra):
     assert decode(data) == good
 
 
-@given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
-def test_garbage_is_refused_in_one_way(data):
-    refuses("", decode, data)
-
-
 @pytest.mark.parametrize(
     ("name", "values"),
     {
@@ -233,23 +206,10 @@ def test_a_datagram_holds_to_each_row_of_the_table(each):
     assert not is_read(**{each.name: {}}) and not is_read(**{each.name: True})
 
 
-@pytest.mark.parametrize("later", list(good)[13:])
-def test_an_older_sender_need_not_know_what_came_later(later):
-    old = {name: value for name, value in good.items() if name != later}
-    assert decode(json.dumps(old).encode()) == {**good, later: None}
-
-
-def test_a_reason_of_a_newer_sender_is_passed_on():
-    fields = decode(json.dumps({**good, "reason": "kraken"}).encode())
-    assert fields["reason"] == "kraken"
-
-
 @pytest.mark.parametrize(
     "data",
     [
         b'{"a":' * 10_000,
-        json.dumps({**good, "mean": 0}).replace('"mean": 0', '"mean": 1e999').encode(),
-        json.dumps({**good, "mean": 0}).replace('"mean": 0', '"mean": NaN').encode(),
         b"status : , 1  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1e+999",
         b"status : , 2  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1",
         b"status : , 1  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1\n",
@@ -259,21 +219,16 @@ def test_hostile_datagrams_are_refused(data):
     refuses("", decode, data)
 
 
+def test_a_reason_of_a_newer_sender_is_passed_on():
+    fields = decode(json.dumps({**good, "reason": "kraken"}).encode())
+    assert fields["reason"] == "kraken"
+
+
 def test_addresses():
     assert parse_address("192.168.1.73:1130") == ("192.168.1.73", 1130)
     assert parse_address("[::1]:9") == ("::1", 9)
     for text in ("", "host", "host:", ":1", "h:0", "h:65536", "a:b:1", "h:1x"):
         refuses("not an address", parse_address, text)
-
-
-def test_what_the_network_refuses_is_counted():
-    sender = UdpSender(BROADCAST, 9, 1)
-    refuse(sender)
-    for _ in range(3):
-        sender.send(Report(1, 1, 0.0, 1.0, a_verdict()))
-    sender.close()
-    assert (sender.sent, sender.failed) == (0, 3)
-    assert sender.last_error
 
 
 def test_a_receiver_may_have_a_format_of_its_own():

@@ -21,7 +21,7 @@ from tests.calls import refuses
 from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
-from tokt.inference.reason import NO_FAULT, Reason
+from tokt.inference.reason import NO_FAULT
 from tokt.inference.report import Event
 from tokt.inference.sources.cameras import process_driver
 from tokt.inference.sources.cameras.capture import LEFT, Capture, Deliver
@@ -253,16 +253,6 @@ def test_cameras_that_are_lost(program, words, open_camera, instead):
     assert captures[0].arrived == pytest.approx(0.0, abs=60)
 
 
-def test_a_process_that_does_not_end_is_ended(open_camera, instead, monkeypatch):
-    monkeypatch.setattr(process_driver, "_CLOSE_S", 0.1)
-    instead("say(ready)\ntime.sleep(60)")
-    driver = open_camera()
-    driver.start(lambda capture: None)
-    process = driver._process
-    driver.stop()
-    assert process.returncode == -9
-
-
 def test_a_process_without_a_runtime_ends_though_it_hangs():
     """In native code that holds Python's lock: nobody is left to end it."""
     program = (
@@ -298,30 +288,3 @@ def test_a_process_that_cannot_be_started_is_a_camera_that_cannot(open_camera, m
     monkeypatch.setattr(process_driver, "program", lambda kind: ["/no/such/program"])
     words = "camera 0: no process for it: .*/no/such/program"
     refuses(words, open_camera().start, lambda capture: None)
-
-
-def test_memory_does_not_grow(open_camera, instead):
-    """1,800 frames, 120 MB of pictures; every third one is a fault."""
-    instead(
-        "say(ready)\n"
-        "frame.update(height=250, width=400)\n"
-        "half = {**frame, 'reason': 'incomplete', 'words': 'half'}\n"
-        "for frame['frame_id'] in range(1800):\n"
-        "    frame['fetched_s'] = time.clock_gettime(time.CLOCK_BOOTTIME)\n"
-        "    say(half) if frame['frame_id'] % 3 == 2 else say(frame, bytes(100_000))\n"
-    )
-    counts = {Reason.OK: 0, Reason.INCOMPLETE: 0}
-    sizes: list[int] = []
-
-    def deliver(capture: Capture) -> None:
-        counts[capture.fault.reason] += 1
-        assert (capture.picture is None) is bool(capture.fault)
-        if capture.frame_id % 300 == 0:
-            pages = Path("/proc/self/statm").read_text().split()[1]
-            sizes.append(int(pages) * os.sysconf("SC_PAGE_SIZE"))
-
-    driver = open_camera()
-    driver.start(deliver)
-    until(driver.lost)
-    assert counts == {Reason.OK: 1200, Reason.INCOMPLETE: 600} and driver.failures == 0
-    assert max(sizes) - sizes[1] < 8e6

@@ -10,8 +10,6 @@ import threading
 import time
 from collections import Counter
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -73,13 +71,6 @@ def test_pairs_of_one_moment_whatever_the_clocks(simulator, live):
     assert cameras.events == []
     ages = [SYSTEM_CLOCK.monotonic() - frame.arrived for frame in frames[-1:]]
     assert 0 <= ages[0] < MAX_S and abs(frames[-1].t - time.time()) < MAX_S
-
-
-def test_clocks_set_by_ptp_pair_from_the_first_frame(simulator, live):
-    """However late the right camera's link is."""
-    simulator.set(1, delay_s=0.015)
-    cameras = live(ptp=True)
-    check(cameras.until(is_pair) + cameras.take(10))
 
 
 def test_one_camera(simulator, live):
@@ -206,25 +197,6 @@ def test_a_camera_that_falls_silent_is_started_again(simulator, live, monkeypatc
     assert names and simulator.count(0, "starts") >= 2
 
 
-def test_while_a_lone_camera_is_lost_frames_say_so_again_and_again(simulator, live):
-    simulator.set(0, handle_dies=1)
-    cameras = live("pymba:0")
-    cameras.take(2)
-    simulator.set(0, plugged=0)
-    cameras.until(lambda frame: frame.left is None)
-    start = time.monotonic()
-    frames = cameras.take(3)
-    assert time.monotonic() - start > 0.3
-    assert {frame.left_fault.reason for frame in frames} == {Reason.CAMERA_LOST}
-    assert len({frame.arrived for frame in frames}) == 3
-
-
-def test_a_camera_that_is_not_there_at_the_start(simulator, live):
-    for text, words in (("pymba:DEV_1", "no camera 'DEV_1'"), ("pymba:0,2", "no camera '2'")):
-        refuses(words, live, text)
-        assert simulator.opened == [0, 0]
-
-
 def test_a_camera_that_is_waited_for(simulator, quick):
     simulator.set(1, plugged=0)
     cameras = quick(wait=True)
@@ -281,25 +253,28 @@ def test_a_driver_that_hangs_as_it_opens_at_the_start(simulator, live, monkeypat
     until(lambda: not keepers())
 
 
-def running(vimba_environment: dict[str, str], bundle: Path, port: int, **changes: float) -> Any:
-    """The command and the environment of `tokt run` with shorter limits on a camera that hangs."""
-    program = "import tokt.inference.sources.cameras.live_source as limits\n"
-    program += "".join(f"limits.{name} = {value}\n" for name, value in changes.items())
-    program += "from tokt.cli import main\nmain()\n"
-    options = ["--source", "pymba:0", "--bundle", str(bundle), "--pixel-format", "Mono8"]
-    options += ["--policy", "texture", "--udp", f"v2@127.0.0.1:{port}"]
-    return [sys.executable, "-P", "-c", program, "run", *options], vimba_environment
+@pytest.fixture
+def running(vimba_environment, bundle_file, receiver):
+    """The command and the environment of `tokt run` on simulated cameras, with shorter limits."""
+
+    def make(plan: str, **limits: float) -> tuple[list[str], dict[str, str]]:
+        program = "import tokt.inference.sources.cameras.live_source as limits\n"
+        program += "".join(f"limits.{name} = {value}\n" for name, value in limits.items())
+        program += "from tokt.cli import main\nmain()\n"
+        options = ["--source", "pymba:0", "--bundle", str(bundle_file), "--pixel-format", "Mono8"]
+        options += ["--policy", "texture", "--udp", f"v2@127.0.0.1:{receiver.getsockname()[1]}"]
+        environment = {**os.environ, **vimba_environment, "VIMBA_SIMULATOR": plan}
+        return [sys.executable, "-P", "-c", program, "run", *options], environment
+
+    return make
 
 
-def test_a_driver_that_hangs_when_a_lost_camera_is_opened_again(
-    vimba_environment, bundle_file, receiver, monkeypatch
-):
+@pytest.mark.process
+def test_a_driver_that_hangs_when_a_lost_camera_is_opened_again(running, receiver, monkeypatch):
     """In a process of its own, under the watchdog; the same camera opens for the next process."""
-    port = receiver.getsockname()[1]
-    command, environment = running(vimba_environment, bundle_file, port, HUNG_S=1.0)
     plan = "cameras=1;rate=20;width=360;height=271;0.hangs_at_open=1;0.hangs_at_exit=1"
-    plan += ";0.unplug_at_s=1;0.replug_at_s=1.2"
-    for name, value in {**environment, "VIMBA_SIMULATOR": plan}.items():
+    command, environment = running(f"{plan};0.unplug_at_s=1;0.replug_at_s=1.2", HUNG_S=1.0)
+    for name, value in environment.items():
         monkeypatch.setenv(name, value)
     told: list[str] = []
     dog = Watchdog(command, told.append, Notifier(SYSTEM_CLOCK, {}))
@@ -324,12 +299,10 @@ def test_a_driver_that_hangs_when_a_lost_camera_is_opened_again(
     hold_row("a camera's driver hangs when it is opened again, or closed", words, "restarts +1")
 
 
-def test_a_camera_that_is_gone_when_the_run_is_started_again(
-    vimba_environment, bundle_file, receiver
-):
+@pytest.mark.process
+def test_a_camera_that_is_gone_when_the_run_is_started_again(running, receiver):
     """Said as unknown, where the first start is refused: nobody would say anything."""
-    command, environment = running(vimba_environment, bundle_file, receiver.getsockname()[1])
-    environment = {**os.environ, **environment, "VIMBA_SIMULATOR": "cameras=0"}
+    command, environment = running("cameras=0")
     first = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert first.returncode == 2 and "no camera '0'; found: none" in first.stderr
     with subprocess.Popen(command, env={**environment, RESTARTS_VARIABLE: "1"}) as process:
@@ -342,11 +315,9 @@ def test_a_camera_that_is_gone_when_the_run_is_started_again(
     hold_row(fault, "unknown `camera_lost`, until it is back", "frames by reason: camera_lost")
 
 
-def test_a_driver_that_hangs_at_the_end(vimba_environment, bundle_file, receiver):
-    port = receiver.getsockname()[1]
-    command, environment = running(vimba_environment, bundle_file, port, _JOIN_S=0.2)
-    plan = "cameras=1;0.hangs_at_close=1;0.hangs_at_exit=1"
-    environment = {**os.environ, **environment, "VIMBA_SIMULATOR": plan}
+@pytest.mark.process
+def test_a_driver_that_hangs_at_the_end(running, receiver):
+    command, environment = running("cameras=1;0.hangs_at_close=1;0.hangs_at_exit=1", _JOIN_S=0.2)
     with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
         receiver.recv(4096)
         process.terminate()

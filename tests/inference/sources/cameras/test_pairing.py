@@ -108,14 +108,6 @@ def test_shared_clocks_are_compared_as_they_are_whatever_the_delays(skew, right_
         assert len(pairs(moments)) == 30
 
 
-def test_exposures_of_different_moments_are_no_pairs():
-    """Each camera has what the other misses: half of the stereo rate, and not one pair."""
-    captures = [capture(n % 2, n) for n in range(40)]
-    moments = run(pairer(PERIOD_S, shared=True), captures)
-    assert pairs(moments) == [] and len(moments) == 40
-    assert {moment.alone.reason for moment in moments} == {Reason.UNPAIRED}
-
-
 def test_a_capture_waits_for_the_other_camera_for_a_period_at_most():
     made = pairer(PERIOD_S, shared=True)
     assert feed(made, capture(LEFT, 0)) == []

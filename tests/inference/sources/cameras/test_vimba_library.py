@@ -1,7 +1,6 @@
 """Without the Vimba SDK, or without pymba: one line that says what to install and set."""
 
 import platform
-import subprocess
 import sys
 from pathlib import Path
 
@@ -49,16 +48,6 @@ def test_a_library_that_does_not_load(monkeypatch, tmp_path):
     library_of(tmp_path, monkeypatch).write_text("not a library")
     words = refusal()
     assert "cannot load the Vimba library" in words and "libVimbaC.so" in words
-
-
-@needs_like
-def test_a_library_without_a_symbol(monkeypatch, tmp_path, compiler):
-    """An AttributeError of ctypes'."""
-    library = library_of(tmp_path, monkeypatch)
-    nothing = tmp_path / "nothing.c"
-    nothing.touch()
-    subprocess.run([compiler, "-shared", "-fPIC", "-o", library, nothing], check=True)
-    assert "VmbVersionQuery" in refusal()
 
 
 def test_no_pymba_names_the_extra(monkeypatch):

@@ -1,16 +1,13 @@
 """Vimba X's own library on the simulated cameras of the genicam package, and what goes wrong."""
 
-import ctypes
 import sys
-import threading
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.calls import refuses
-from tests.waiting import MAX_S, until
+from tests.waiting import until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.reason import Reason
@@ -106,13 +103,6 @@ def test_pictures_are_copies_that_do_not_change(open_camera, delivered):
     assert all(np.isnan(each.taken_s) for each in captures)  # viky has no clock
 
 
-@pytest.mark.parametrize("name", ["1", BLUE])
-def test_the_ways_to_name_a_camera(name, open_camera, delivered):
-    one = open_camera(name)
-    one.start(delivered)
-    delivered.wait(2)
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -129,15 +119,6 @@ def test_what_cannot_be_set_is_refused_and_closed(options, words, open_camera, d
     other = open_camera()
     other.start(delivered)  # it is free
     delivered.wait(1)
-
-
-def test_a_feature_that_cannot_be_read_now_has_no_value(open_camera, delivered):
-    one = open_camera()
-    one.start(delivered)
-    camera = one._stream._camera
-    assert camera.feature("Scan3dOutputMode").value is None
-    assert camera.feature("PixelFormat").range == ["RGBa8", "Mono8"]
-    assert camera.feature("AcquisitionStart").range is None
 
 
 class Bare:
@@ -189,13 +170,6 @@ def test_the_link_of_newer_cameras_is_limited_in_its_steps(gige, asked, expected
     assert camera.set.get("DeviceLinkThroughputLimitMode") == (expected and "On")
 
 
-def test_the_step_of_a_whole_number(open_camera, delivered):
-    one = open_camera()
-    one.start(delivered)
-    camera = one._stream._camera
-    assert camera.feature("Height").step >= 1 and camera.feature("Height").range[0] >= 1
-
-
 def test_a_camera_without_a_command_is_refused_and_closed(open_camera, delivered, monkeypatch):
     monkeypatch.setattr(VimbaXCamera, "run_feature_command", lambda _, name: {}[name])
     refuses("does not stream: 'AcquisitionStart'", open_camera().start, delivered)
@@ -210,39 +184,6 @@ def test_an_unknown_camera_and_one_in_use(open_camera, delivered):
     first.stop()
 
 
-def test_what_deliver_raises_costs_one_capture_and_no_buffer(open_camera, capfd):
-    """vmbpy's own handler would never queue the buffer again."""
-    reached, calls = threading.Event(), []
-
-    def deliver(capture):
-        calls.append(threading.get_ident())
-        if len(calls) == 20:
-            reached.set()
-        raise ValueError("a mistake")
-
-    one = open_camera()
-    one.start(deliver)
-    assert reached.wait(MAX_S)
-    one.stop()
-    assert one.failures == len(calls) >= 20
-    assert threading.get_ident() not in calls and "Traceback" not in capfd.readouterr().err
-
-
-def test_incomplete_frames_have_no_picture(open_camera, delivered, monkeypatch):
-    """As the library marks a buffer to which packets are missing."""
-    real = VimbaXCamera.image
-
-    def image(camera, frame):
-        frame.receiveStatus = -1 if frame.frameID % 2 else frame.receiveStatus
-        return real(camera, frame)
-
-    monkeypatch.setattr(VimbaXCamera, "image", image)
-    open_camera().start(delivered)
-    for capture in delivered.wait(8):
-        assert (capture.picture is None) == bool(capture.frame_id % 2)
-        assert capture.fault.reason is (Reason.INCOMPLETE if capture.frame_id % 2 else Reason.OK)
-
-
 def test_a_picture_that_does_not_fit_its_buffer_is_damaged(open_camera, delivered, monkeypatch):
     real = VimbaXCamera.image
 
@@ -254,28 +195,6 @@ def test_a_picture_that_does_not_fit_its_buffer_is_damaged(open_camera, delivere
     open_camera().start(delivered)
     capture = delivered.wait(1)[0]
     assert capture.picture is None and capture.fault.reason is Reason.DAMAGED
-
-
-def test_a_buffer_begins_and_ends_where_the_library_asks_for_it(open_camera, delivered):
-    one = open_camera()
-    one.start(delivered)
-    frame = one._stream._new_frame(4096)
-    end = ctypes.addressof(frame.memory) + ctypes.sizeof(frame.memory)
-    assert frame.buffer % 4096 == frame.bufferSize % 4096 == 0
-    assert 400 * 400 <= frame.bufferSize <= end - frame.buffer
-
-
-def test_stop_joins_and_nothing_is_delivered_after_it(open_camera, delivered):
-    one = open_camera()
-    for _ in range(4):
-        before = len(delivered.captures)
-        one.start(delivered)
-        delivered.wait(before + 3)
-        one.stop()
-        after = len(delivered.captures)
-        one.stop()
-        time.sleep(0.03)
-        assert len(delivered.captures) == after
 
 
 def test_a_camera_pulled_out_is_lost_and_comes_back(rig):
@@ -295,21 +214,6 @@ def test_a_camera_pulled_out_is_lost_and_comes_back(rig):
         source.close()
 
 
-def test_buffers_that_the_library_keeps_are_kept_too(rig, open_camera, delivered):
-    one = open_camera()
-    one.start(delivered)
-    delivered.wait(2)
-    stream = one._stream
-    rig.plugged = False
-    assert "no longer found" in one.lost()
-    one.stop()
-    assert stream._frames and one.lost()
-    refuses(RED, one.start, delivered)
-    rig.plugged = True
-    one.start(delivered)
-    assert one.lost() == ""
-
-
 def test_without_transport_layers_it_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path))
     (one,) = open_drivers([RED], SourceConfig(), SYSTEM_CLOCK, vimbax=True)
@@ -323,13 +227,12 @@ def test_without_transport_layers_it_says_what_to_install(monkeypatch, tmp_path)
     [
         ("print('VmbC 1.3.2')", "ok", "with VmbC 1.3.2"),
         ("import os; os.abort()", "fault", "ended with -6"),
-        ("import time; time.sleep(60)", "fault", "does not answer in 2 s"),
-        ("raise OSError('libVmbC.so: no')", "fault", "libVmbC.so: no"),
+        ("import time; time.sleep(60)", "fault", "does not answer in 1 s"),
     ],
 )
 def test_the_doctor_tries_the_library_in_another_process(program, state, words, monkeypatch):
     monkeypatch.setattr(vimbax_system, "_PROGRAM", program)
-    finding = vimbax_finding(2.0 if "sleep" in program else 60.0)
+    finding = vimbax_finding(1.0 if "sleep" in program else 60.0)
     assert finding.state == state and words in finding.text
 
 
