@@ -1,6 +1,6 @@
 """The drift monitor: it tells when features leave training, once, and when they are back."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tokt.features.frames.mission import open_mission
+from tests.inference.conftest import draw
+from tokt.features.extractors.spec import build_extractor
 from tokt.inference.frame import Frame
 from tokt.inference.monitoring.drift import LOOKS_A_WINDOW, MAX_WORST, DriftMonitor, DriftState
 from tokt.inference.policy.policy import Judgement, SinglePolicy
@@ -17,7 +18,7 @@ from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Event, Report
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import unknown_verdict
-from tokt.models.bundle.bundle import read_bundle
+from tokt.models.bundle.bundle import Bundle, bundle_bytes, bundle_from_bytes, read_bundle
 from tokt.models.distribution import Distribution, bin_counts, ks_distances, quantile_edges
 
 WINDOW, DIM = 8, 7
@@ -156,43 +157,33 @@ def test_without_a_distribution_drift_is_not_known(model):
     assert not sea.monitor.state.known
 
 
-def test_frames_without_features_are_passed_over():
-    sea = Sea()
-    for _ in range(WINDOW):
-        sea.give(None)
-        # Of the model before, judged just before the switch.
-        sea.give(np.zeros((50, DIM + 1)))
-    assert sea.monitor.state == DriftState(known=True)
-    sea.frames(WINDOW - 1)
-    assert sea.monitor.distances == {}
-    sea.frames(1)
-    assert len(sea.monitor.distances) == DIM
+def learnt(bundle: Bundle, pictures: list[NDArray[np.uint8]]) -> Bundle:
+    """The bundle with the distribution of these pictures' features."""
+    content = bundle.content
+    extractor = build_extractor(content.extractor_spec)
+    rows = np.vstack([extractor.describe(picture, content.grid) for picture in pictures])
+    edges = np.array([quantile_edges(column) for column in rows.T])
+    counts, typical = bin_counts(rows, edges), np.full(len(edges), 0.1)
+    known = Distribution(edges, counts, typical, 3.0, WINDOW // 2, 20, 8)
+    return bundle_from_bytes(bundle_bytes(replace(content, distribution=known)), "learnt")
 
 
-def test_a_trained_model_knows_its_own_mission_and_not_a_blurred_one(tiny, tiny_bundle):
-    """Through the real detector: no drift on the frames it learnt from."""
-    bundle = read_bundle(tiny_bundle)
-    assert bundle.distribution.window_frames == 4 and bundle.distribution.stretches == 8
+def test_a_model_knows_the_frames_it_learnt_from_and_not_blurred_ones(bundle_file):
+    """Through the real detector, whose features they are."""
+    pictures = [draw([(4, 4)], seed) for seed in range(20)]
+    bundle = learnt(read_bundle(bundle_file), pictures)
     told: list[Event] = []
     monitor = DriftMonitor(told.append)
     monitor.set_model(bundle)
     policy = SinglePolicy(TextureDetector(bundle))
-    mission = open_mission(tiny.path)
-
-    def judge(number: int, blurred: bool) -> None:
-        picture = mission.read(number)
-        if blurred:
-            # With its contrast kept: a flat frame is not judged at all.
-            smooth = cv2.GaussianBlur(picture.astype(float), (0, 0), 1.5)
-            picture = np.clip(20 + 4 * (smooth - 20), 0, 255).astype(np.uint8)
-        frame = Frame(number, float(number), picture, None)
-        judgement = policy.judge(frame)
+    # With its contrast kept: a flat frame is not judged at all.
+    blurred = [cv2.GaussianBlur(one.astype(float), (0, 0), 1.5) for one in pictures[:WINDOW]]
+    changed = [np.clip(20 + 4 * (one - 20), 0, 255).astype(np.uint8) for one in blurred]
+    for number, picture in enumerate([*pictures, *changed], 1):
+        judgement = policy.judge(Frame(number, float(number), picture, None))
         assert judgement.features is not None
-        monitor.judged(frame, judgement, Report(number, number, 0.0, 1.0, judgement.verdict))
-
-    for number in range(1, 41):
-        judge(number, False)
-    assert told == [] and monitor.state.distance is not None
-    for number in range(1, 9):
-        judge(number, True)
+        report = Report(number, number, 0.0, 1.0, judgement.verdict)
+        monitor.judged(Frame(number, float(number), picture, None), judgement, report)
+        if number == len(pictures):
+            assert told == [] and monitor.state.distance is not None
     assert [event.name for event in told] == ["drift"]

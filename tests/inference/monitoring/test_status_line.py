@@ -1,7 +1,6 @@
 """The status line on a real terminal, and events where there is none."""
 
 import contextlib
-import io
 import os
 import re
 import sys
@@ -193,30 +192,10 @@ def test_a_terminal_that_is_held_keeps_nobody_waiting(terminal, monkeypatch):
             return
 
 
-def test_elsewhere_only_events_are_lines():
-    read, write = os.pipe()
-    counts = RunCounts(SYSTEM_CLOCK)
-    with os.fdopen(write, "w") as stream:
-        line = StatusLine(counts, SYSTEM_CLOCK, stream)
-        tell(counts, OBSTACLE)
-        line.event(Event(0.0, "drift", "drift: lbp_3"))
-        time.sleep(PERIOD_S * 1.5)
-        line.event(Event(86399.0, "drift_over", "drift is over"))
-        line.close()
-    with os.fdopen(read) as lines:
-        assert lines.read() == "00:00:00Z drift: lbp_3\n23:59:59Z drift is over\n"
-
-
 def begin(stream: Any, counts: RunCounts) -> None:
     line = StatusLine(counts, SYSTEM_CLOCK, stream)
     line.event(Event(0.0, "start", "it begins"))
     line.close()
-
-
-def test_a_stream_that_is_no_file_gets_lines(counts):
-    stream = io.StringIO()
-    begin(stream, counts)
-    assert stream.getvalue() == "00:00:00Z it begins\n"
 
 
 def test_a_dumb_terminal_gets_lines_too(terminal, monkeypatch, counts):

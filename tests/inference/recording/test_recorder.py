@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.recording import recorder as recorder_module
 from tokt.inference.recording.clip_trigger import REST_S
 from tokt.inference.recording.recorder import BEHIND, NO_ROOM, REPEATED, RESERVE, Recorder
 from tokt.inference.recording.recording import (
@@ -221,17 +219,6 @@ def test_the_oldest_moments_of_the_run_make_room(sea, tmp_path):
     )
 
 
-def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(sea, tmp_path):
-    at_sea = sea(disk=(0.2, 0))
-    at_sea.see(OBSTACLE, 40)
-    numbers = at_sea.end(bound_mb=0.2)
-    assert numbers == list(range(1, len(numbers) + 1)) and 5 < len(numbers) < 20
-    assert (
-        at_sea.recorder.writer.dropped == 40 - len(numbers)
-        and at_sea.recorder.writer.fault == NO_ROOM
-    )
-
-
 def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock):
     before = tmp_path / "rec" / "run-0" / "Left" / "run-0_L_1.png"
     before.parent.mkdir(parents=True)
@@ -353,18 +340,6 @@ def test_one_process_records_into_a_folder(sea, tmp_path, hand_clock):
     refuses("cannot record into", Recorder, tmp_path / "file", "run-1", hand_clock)
     for limits in ((0, 0), (1, -1), (float("nan"), 0)):
         refuses("is no limit", DiskBudget, tmp_path, *limits)
-
-
-def test_what_another_process_wrote_until_it_let_go_is_counted(sea, tmp_path, monkeypatch):
-    @contextmanager
-    def locked(file, wait_s):
-        (tmp_path / "rec" / "late.bin").write_bytes(bytes(8_000_000))
-        yield
-
-    monkeypatch.setattr(recorder_module, "locked", locked)
-    later = sea()
-    later.recorder.close()
-    assert later.recorder.writer._budget.used_bytes >= 8_000_000
 
 
 def test_what_is_no_recording_is_told(tmp_path):

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.calls import refuses
 from tests.inference.live import Sent
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement, SinglePolicy
@@ -100,11 +99,6 @@ def test_lines_of_both_files_that_cannot_be_written_are_counted(tmp_path):
     log.heartbeat(Report(1, None, None, None, NOTHING))
     log.event(Event(0.0, "odd", "not JSON", {"value": math.nan}))
     assert log.failed == 2
-
-
-def test_a_log_that_cannot_be_opened_is_told(tmp_path):
-    (tmp_path / "a.events.jsonl").mkdir()
-    refuses(r"a\.events\.jsonl cannot be written", RunLog, tmp_path / "a.jsonl", "run-x")
 
 
 def test_runs_have_ids_of_their_own_though_the_clock_stands(hand_clock):
