@@ -1,7 +1,5 @@
 """A store's new active model beside the running one; with real stores and real bundles."""
 
-import json
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -24,12 +22,11 @@ from tokt.inference.monitoring.reload import (
     check_in_child,
 )
 from tokt.inference.policy.assembly import assemble
-from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.runtime import Runtime
-from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
+from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import Verdict
 from tokt.models.bundle.bundle import Bundle, bundle_bytes, bundle_from_bytes, read_bundle
-from tokt.models.store.last_good import load_running, remember_good
+from tokt.models.store.last_good import remember_good
 from tokt.models.store.store import Store
 
 
@@ -309,52 +306,3 @@ def test_one_that_kills_its_checks_is_refused(store, make_bundle, monkeypatch):
     for python, words in (("/bin/false", "died with exit code 1"), ("/none", "cannot be run")):
         monkeypatch.setattr("tokt.inference.monitoring.reload.sys.executable", python)
         assert words in check_in_child(store).fault
-
-
-def test_a_run_goes_over_to_the_new_model_and_remembers_it(
-    store, make_bundle, draw_frame, monkeypatch, hand_clock
-):
-    monkeypatch.setattr("tokt.inference.monitoring.reload.POLL_S", 0.05)
-    first = store.active()
-    slot = ReloadableTextureDetector(TextureDetector(first))
-    watch = ModelReloader(
-        store,
-        first,
-        lambda bundle, frame: "",
-        lambda bundle, note: slot.put(TextureDetector(bundle), note),
-        hand_clock,
-    )
-    source, listener = HandSource(hand_clock), Listener()
-    runtime = Runtime(
-        *(source, SinglePolicy(slot), [], hand_clock, [listener, watch], Limits(5, 5)),
-        between=watch.exchange,
-    )
-    watch.start()
-    seed = 0
-
-    def kept() -> bytes:
-        return store.last_good_file.read_bytes() if store.last_good_file.exists() else b""
-
-    def step() -> bool:
-        nonlocal seed
-        seed += 1
-        source.give(draw_frame([(1, 1)], seed))
-        time.sleep(0.02)
-        return bool(listener.events)
-
-    with looping(runtime):
-        step()
-        second = make_bundle("2")
-        store.deploy(second)
-        until(step)
-        step()
-        until(lambda: listener.reports[-1].verdict.model == "noise/2")
-        until(lambda: step() and kept() == second.data)
-    watch.close()
-    models = [report.verdict.model for report in listener.reports]
-    assert models == sorted(models, key=str) and set(models) == {"noise/1", "noise/2"}
-    assert [event.name for event in listener.events] == ["model"]
-    store.bundle_file(second.sha256).write_bytes(b"gone")
-    again, notes = load_running(store)
-    assert again.sha256 == second.sha256 and len(notes) == 2
-    assert json.loads((store.path / "active").read_text())["sha256"] == second.sha256

@@ -127,7 +127,13 @@ def test_one_that_never_gets_ready_is_killed_too(keep):
     kept.wait_for(2)
 
 
-@pytest.mark.parametrize(("program", "code"), [("sys.exit(2)", 2), ("tell('STOPPING=1')", 0)])
+BEHIND = "signs.sendto(b'hello', ('127.0.0.1', int(port))); tell('STOPPING=1')"
+"""On a busy machine both wait to be read when the runtime has ended."""
+
+
+@pytest.mark.parametrize(
+    ("program", "code"), [("sys.exit(2)", 2), ("tell('STOPPING=1')", 0), (BEHIND, 0)]
+)
 def test_what_a_user_wrote_wrong_and_one_that_has_done_its_work_end_it(keep, program, code):
     kept = keep(program)
     kept.thread.join(MAX_S)
@@ -180,38 +186,18 @@ def test_what_the_one_before_said_is_no_sign_of_the_next(keep):
     kept.wait_for(3)
 
 
-def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path, monkeypatch):
-    starts: list[str] = []
+@pytest.mark.skipif(os.name != "posix", reason="a script is a program on POSIX only")
+def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path):
+    program, lines = tmp_path / "tokt", []
 
-    def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
-        starts.append(where)
-        if len(starts) == 1:
-            raise OSError(12, "Cannot allocate memory")
-        return subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(2)"])
+    def say(line: str) -> None:
+        lines.append(line)
+        program.write_text("#!/bin/sh\nexit 2\n")
+        program.chmod(0o700)
 
-    monkeypatch.setattr(Watchdog, "_start", start)
-    lines: list[str] = []
-    assert Watchdog([], lines.append, Notifier(SYSTEM_CLOCK, {})).run() == 2
-    assert lines == ["the runtime cannot be started: Cannot allocate memory; started again (1)"]
-
-
-def test_a_last_word_is_heard_behind_what_somebody_else_says(monkeypatch):
-    """On a busy machine: both wait to be read when the runtime has ended."""
-    real, starts = Watchdog._start, []
-
-    def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
-        assert not starts, "it is started again"
-        port, token, _ = where.split(":")
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as anybody:
-            for said in (b"hello", token.encode() + b" STOPPING=1"):
-                anybody.sendto(said, ("127.0.0.1", int(port)))
-        starts.append(real(dog, where))
-        starts[0].wait()
-        return starts[0]
-
-    monkeypatch.setattr(Watchdog, "_start", start)
-    command = [sys.executable, "-S", "-c", ""]
-    assert Watchdog(command, print, Notifier(SYSTEM_CLOCK, {})).run() == 0
+    assert Watchdog([str(program)], say, Notifier(SYSTEM_CLOCK, {})).run() == 2
+    told = "the runtime cannot be started: No such file or directory; started again (1)"
+    assert lines == [told]
 
 
 def test_one_that_not_even_a_kill_ends_is_not_waited_for(monkeypatch, hand_clock):

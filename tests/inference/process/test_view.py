@@ -23,13 +23,11 @@ from tests.inference.test_faults import hold_row
 from tests.inference.view_client import STREAM, Viewed, decoded, stream_parts, viewed
 from tests.tiers import scaled
 from tests.waiting import MAX_S, until
-from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import Limits
 from tokt.inference.outputs import view as view_module
-from tokt.inference.outputs import view_process, view_server
+from tokt.inference.outputs import view_process
 from tokt.inference.outputs.view import LiveView, listening, view_url
-from tokt.inference.outputs.view_picture import Shown
-from tokt.inference.outputs.view_server import MAX_CLIENTS, Pictures
+from tokt.inference.outputs.view_server import MAX_CLIENTS
 from tokt.inference.outputs.view_video import new_video
 
 RED, GREEN = (30, 30, 200), (60, 110, 20)
@@ -228,13 +226,6 @@ def test_a_request_that_is_too_long_is_no_request(view):
             with suppress(ConnectionError):
                 opened.sendall(asks + more + b"\r\n")
             assert _received(opened).startswith(b"HTTP/1.1 200") == answered
-
-
-def test_an_answer_says_how_old_its_picture_is_when_it_is_sent(monkeypatch):
-    monkeypatch.setattr(view_server, "_FRESH_S", MAX_S)
-    pictures = Pictures()
-    pictures.put(b"jpeg", Shown("CLEAR", "", 1.0), SYSTEM_CLOCK.monotonic() - 2)
-    assert pictures.after("")[2].age_s >= 3
 
 
 def test_more_clients_than_there_is_room_for_are_turned_away(view):
