@@ -2,7 +2,6 @@
 
 import math
 import os
-import socket
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -14,7 +13,7 @@ from tests.inference.conftest import HandClock
 from tests.inference.live import bound_socket
 from tests.inference.outputs.test_mavlink import AHEAD, seen, sender_over
 from tests.tiers import scaled
-from tests.waiting import MAX_S, until
+from tests.waiting import until
 from tokt.inference.links import autopilot
 from tokt.inference.links.autopilot import MavlinkReader
 from tokt.inference.links.link import open_link
@@ -192,30 +191,11 @@ def soon(read):
     return now
 
 
-def test_udpout_both_ways(receiver):
-    host, port = receiver.getsockname()
-    with sending(f"udpout:{host}:{port}") as (sender, state):
-        sender.send(Report(1, 1, 0.0, 1.0, seen(AHEAD)))
-        _, peer = receiver.recvfrom(4096)
-        receiver.settimeout(0.01)
-        talk(soon(lambda: receiver.recv(4096)), lambda d: receiver.sendto(d, peer), sender, state)
-
-
 def test_udpin_both_ways(closed_port):
     here = ("127.0.0.1", closed_port)
     with sending(f"udpin:127.0.0.1:{closed_port}") as (sender, state), bound_socket() as autopilot:
         autopilot.settimeout(0.01)
         talk(soon(lambda: autopilot.recv(4096)), lambda d: autopilot.sendto(d, here), sender, state)
-
-
-def test_tcp_both_ways():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(MAX_S)
-        with sending(f"tcp:127.0.0.1:{server.getsockname()[1]}") as (sender, state):
-            channel, _ = server.accept()
-            with channel:
-                channel.settimeout(0.01)
-                talk(soon(lambda: channel.recv(4096)), channel.sendall, sender, state)
 
 
 def test_serial_both_ways():

@@ -8,7 +8,6 @@ import struct
 import subprocess
 import sys
 import threading
-import time
 from contextlib import contextmanager
 
 import pytest
@@ -18,7 +17,7 @@ from tests.inference.live import bound_socket
 from tests.waiting import MAX_S, until
 from tokt.inference.links import datagrams
 from tokt.inference.links import link as streams
-from tokt.inference.links.link import StreamLink, open_link
+from tokt.inference.links.link import open_link
 
 
 class Heard:
@@ -144,13 +143,6 @@ def test_udpin_answers_a_few_and_nobody_puts_them_out(closed_port):
         assert link.gaps == len(link._peers) == datagrams.MAX_PEERS
     for peer in peers:
         peer.close()
-
-
-def test_udpout_tells_who_answers_for_the_first_time(receiver):
-    with opened("udpout:{}:{}".format(*receiver.getsockname())) as (link, _):
-        link.write(b"verdict")
-        receiver.sendto(b"hello", receiver.recvfrom(100)[1])
-        until(lambda: link.gaps == 1)
 
 
 def test_tcp_goes_both_ways_and_sends_what_waits_at_its_end(server):
@@ -291,39 +283,6 @@ def test_a_serial_port_goes_both_ways_and_comes_back(terminal, tmp_path, monkeyp
         assert os.read(ours, 100) == b"back"
     os.close(ours)
     os.close(theirs)
-
-
-def test_a_baud_rate_that_the_port_does_not_have(monkeypatch):
-    serial = pytest.importorskip("serial")
-
-    def refuse(*_, **__):
-        raise ValueError("no such rate")
-
-    monkeypatch.setattr(serial, "Serial", refuse)
-    with opened("COM3:12345") as (link, _):
-        until(lambda: link.last_error == "no such rate")
-
-
-def test_a_message_that_breaks_the_link_is_counted():
-    class Broken:
-        def write(self, data):
-            raise OSError("unplugged")
-
-        def read(self):
-            time.sleep(0.01)
-            return b""
-
-        def close(self): ...
-
-    link = StreamLink(Broken)
-    link.listen(Heard())
-    try:
-        until(lambda: link._channel)
-        link.write(b"verdict")
-        until(lambda: link.last_error == "unplugged")
-        assert (link.sent, link.failed) == (0, 1)
-    finally:
-        link.close()
 
 
 def test_without_pyserial_the_extra_is_named(monkeypatch, tmp_path):

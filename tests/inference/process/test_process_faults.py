@@ -46,20 +46,12 @@ class Ship:
     """`tokt run --watchdog` on a store and a dive, and LabVIEW's end of the wire."""
 
     def __init__(
-        self,
-        folder: Path,
-        dive: Path,
-        bundle: Path,
-        receiver: socket.socket,
-        *options: Any,
-        **process: Any,
+        self, store: Store, dive: Path, receiver: socket.socket, *options: Any, **process: Any
     ) -> None:
-        self.store = Store(folder / "store")
-        self.first = read_bundle(bundle)
-        self.store.deploy(self.first)
+        self.store, self.first = store, store.active()
         self.said: list[dict[str, Any]] = []
         self._receiver = receiver
-        self._errors = (folder / "err").open("w+")
+        self._errors = (store.path.parent / "err").open("w+")
         command = ["run", "--watchdog", "--store", self.store.path, "--source", dive]
         more = ["--rate", "20", "--format", "v2", "--policy", "texture", *map(str, options)]
         address = f"127.0.0.1:{receiver.getsockname()[1]}"
@@ -118,11 +110,11 @@ def dive(tmp_path_factory):
 @pytest.fixture
 def launch(tmp_path, dive, bundle_file, receiver):
     """Start a ship, its process as a test wants it."""
-    receiver.settimeout(MAX_S)
-    ships: list[Ship] = []
+    store, ships = Store(tmp_path / "store"), []
+    store.deploy(read_bundle(bundle_file))
 
     def start(*options: Any, **process: Any) -> Ship:
-        ships.append(Ship(tmp_path, dive, bundle_file, receiver, *options, **process))
+        ships.append(Ship(store, dive, receiver, *options, **process))
         return ships[-1]
 
     yield start
@@ -289,22 +281,19 @@ def test_standard_files_that_are_closed_from_the_start(launch):
     assert ship.killed()["model"] == "noise/7"
 
 
-def test_a_log_on_a_disk_that_hangs_from_the_start(launch, tmp_path):
-    os.mkfifo(tmp_path / "log.jsonl")
-    ship = launch("--log", tmp_path / "log.jsonl", "--rate", 100, start_new_session=True)
+def test_logs_on_a_disk_that_hangs_from_the_start(launch, bundle_file, tmp_path):
+    for name in ("log.jsonl", "shadow.jsonl"):
+        os.mkfifo(tmp_path / name)
+    shadow = "--shadow", bundle_file, "--shadow-log", tmp_path / "shadow.jsonl"
+    ship = launch("--log", tmp_path / "log.jsonl", *shadow, start_new_session=True)
     ship.until(lambda one: one["seq"] == 40)
+    assert ship.said[-1]["model"] == "noise/7"
     hold_row("the log's disk hangs from the start", "as without it", "log failures")
+    hold_row("the challenger's log: its disk hangs from the start", "as without it", "nothing")
     # Ctrl-C: the runtime is ending already when its watchdog asks it to.
     os.killpg(ship.process.pid, signal.SIGINT)
     assert ship.process.wait(MAX_S) == 0
     assert re.search(r"\d\d log lines could not be written", ship.words())
-
-
-def test_a_challenger_s_log_on_a_disk_that_hangs_from_the_start(launch, bundle_file, tmp_path):
-    os.mkfifo(tmp_path / "shadow.jsonl")
-    ship = launch("--shadow", bundle_file, "--shadow-log", tmp_path / "shadow.jsonl")
-    assert ship.until(lambda one: one["status"] == 1)["model"] == "noise/7"
-    hold_row("the challenger's log: its disk hangs from the start", "as without it", "nothing")
 
 
 SUSPENDED = """

@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import socket
-import struct
 import threading
 import time
 from contextlib import suppress
@@ -25,7 +24,6 @@ from tests.tiers import scaled
 from tests.waiting import MAX_S, until
 from tokt.inference.config import Limits
 from tokt.inference.outputs import view as view_module
-from tokt.inference.outputs import view_process
 from tokt.inference.outputs.view import LiveView, listening, view_url
 from tokt.inference.outputs.view_server import MAX_CLIENTS
 from tokt.inference.outputs.view_video import new_video
@@ -264,28 +262,6 @@ def _says(view, word):
     status, headers, body = view.get("/picture")
     words = json.loads(headers["X-Tokt"]) if status == 200 else {"word": status}
     return (words, body) if words["word"] == word else None
-
-
-def test_a_run_that_stops_in_the_middle_of_a_moment_keeps_no_picture_waiting():
-    spawning = multiprocessing.get_context("spawn")
-    ours, theirs = spawning.Pipe()
-    with listening("127.0.0.1", 0) as listener:
-        here = type("Here", (), {"port": listener.getsockname()[1]})
-        given = (theirs, listener, None, None, 0.5)
-        process = spawning.Process(target=view_process.serve, args=given, daemon=True)
-        process.start()
-    try:
-        theirs.close()
-        ours.recv()
-        os.write(ours.fileno(), struct.pack("!i", 1000) + b"half")
-        for number in range(3):
-            status, headers, _ = Viewed.get(here, f"/picture?after={number}")
-            assert status == 200 and json.loads(headers["X-Tokt"])["word"] == "WAITING"
-        ours.close()
-        until(lambda: not process.is_alive())
-    finally:
-        process.kill()
-        process.join()
 
 
 @pytest.mark.parametrize(
