@@ -102,15 +102,6 @@ def test_the_distance_is_that_of_the_last_frames():
     assert sea.monitor.state.limit == pytest.approx(0.3)
 
 
-def test_the_order_of_a_window_s_frames_and_patches_does_not_matter():
-    one, other = Sea(), Sea()
-    one.frames(WINDOW, shift=0.4)
-    rng = np.random.default_rng(3)
-    for features in reversed(one.seen):
-        other.give(rng.permutation(features))
-    assert one.monitor.distances == other.monitor.distances != {}
-
-
 def test_on_the_limit_it_does_not_tell_again_and_again():
     sea = Sea()
     # So many of the patches are beyond all of training: that is the distance; the limit is 0.3.

@@ -7,8 +7,7 @@ import pytest
 from tests.calls import refuses
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
-from tokt.inference.sources.cameras.capture import bandwidth_bytes_s
-from tokt.inference.sources.open import check_camera_options, is_camera_source, open_camera_source
+from tokt.inference.sources.open import open_camera_source
 
 
 @pytest.mark.parametrize(
@@ -28,14 +27,6 @@ def test_what_cannot_be_meant(options, words):
     refuses(words, open_camera_source, SourceConfig("pymba:0", **options), SYSTEM_CLOCK, print)
 
 
-def test_what_can_be_meant():
-    options = SourceConfig(
-        exposure_us=5000, gain_db=-3, pixel_format="BayerRG8", packet_size=9000, trigger="Line1"
-    )
-    check_camera_options(options)
-    assert bandwidth_bytes_s(options) == 115_000_000
-
-
 @pytest.mark.parametrize(
     "text", ["pymba:", "pymba:1,", "pymba:1,2,3", "vimbax:1,", "genicam:", "usb:1"]
 )
@@ -46,9 +37,3 @@ def test_what_names_no_cameras(text):
 def test_one_camera_is_not_two():
     both = SourceConfig("pymba:02-2130A, 02-2130A")
     refuses("are both '02-2130A'", open_camera_source, both, SYSTEM_CLOCK, print)
-
-
-def test_cameras_and_folders_are_told_apart():
-    assert is_camera_source("pymba:0") and is_camera_source("genicam:x,y")
-    assert is_camera_source("vimbax:0")
-    assert not is_camera_source("pymba") and not is_camera_source("dives/pymba:0")

@@ -34,23 +34,14 @@ def encode(
     rate: int = 30,
     key_every: int = 30,
     bitrate: int = 400_000,
-    *,
-    zerolatency: bool = True,
-    bframes: int = 0,
-    slices: int = 1,
-    intra_refresh: bool = False,
-    preset: str = "ultrafast",
+    **settings: Any,
 ) -> list[AccessUnit]:
-    """Encode pictures by their numbers, with the parameter sets in front of each key picture."""
+    """Encode pictures by their numbers, with the parameter sets in front of each key picture.
+
+    Settings are those of `open_encoder`.
+    """
     numbers = list(range(frames)) if isinstance(frames, int) else list(frames)
-    encoder = open_encoder(
-        *(codec, size, rate, key_every, bitrate),
-        zerolatency=zerolatency,
-        bframes=bframes,
-        slices=slices,
-        intra_refresh=intra_refresh,
-        preset=preset,
-    )
+    encoder = open_encoder(codec, size, rate, key_every, bitrate, **settings)
     packets = []
     for place, number in enumerate(numbers):
         frame = av.VideoFrame.from_ndarray(i420(number, size), format="yuv420p")

@@ -93,10 +93,6 @@ def test_what_is_shown_of_an_address(text, shown):
     assert without_credentials(text) == shown
 
 
-def test_an_address_is_without_what_a_password_has():
-    assert VideoAddress.parse("http://admin:pa ss@h/x").url == "http://h/x"
-
-
 def test_a_blank_may_follow_the_comma():
     for text in ("rtsp://h/a, rtsp://h/b", "rtsp://h/a,RTSP://h/b"):
         assert [each.url for each in parse_video_sources(text)] == ["rtsp://h/a", "rtsp://h/b"]
