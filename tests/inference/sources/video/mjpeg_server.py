@@ -1,25 +1,18 @@
 """An HTTP server of JPEGs one after the other, as Raspberry Pi and ESP32 cameras send them.
 
-Arguments: width, height, rate, first number, file of the stamps, port. The path says what is wrong:
-``/stream.mjpg?fault=cut`` and the other names in `FAULTS`.
+Arguments: width, height, rate, first number, file of the stamps, port.
 """
 
 import sys
 import time
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from urllib.parse import parse_qs, urlsplit
 
 import cv2
 
 from .feed import pace
 from .pictures import bgr
 from .stamps import Stamps
-
-FAULTS = ("", "cut", "ends", "hangs", "no length", "garbage", "page", "missing")
-"""Nothing; each third JPEG ends too soon; the stream ends, or hangs, within the tenth picture; no
-lengths are told; each third part is no JPEG; a web page; no such file."""
-BOUNDARY = "frame"
 
 
 class Handler(BaseHTTPRequestHandler):
@@ -29,43 +22,18 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Send pictures until the client goes."""
-        fault = parse_qs(urlsplit(self.path).query).get("fault", [""])[0]
-        if fault == "missing":
-            return self.send_error(404)
         self.send_response(200)
-        kind = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
-        self.send_header("Content-Type", "text/html" if fault == "page" else kind)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
         self.end_headers()
-        if fault == "page":
-            self.wfile.write(b"<html><body>A camera</body></html>")
-            return None
         with suppress(OSError):
-            self.pictures(fault)
-        return None
-
-    def pictures(self, fault: str) -> None:
-        for place, _ in enumerate(pace(self.server.rate)):
-            number = self.server.next_number()
-            self.server.stamps.note(number, time.monotonic())
-            done, coded = cv2.imencode(".jpg", bgr(number, self.server.size))
-            assert done
-            data = coded.tobytes()
-            if fault == "cut" and place % 3 == 2:
-                data = data[: len(data) // 2]
-            if fault == "garbage" and place % 3 == 2:
-                data = b"no picture at all"
-            head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\n"
-            if fault != "no length":
-                head += f"Content-Length: {len(data)}\r\n"
-            self.wfile.write(head.encode() + b"\r\n")
-            if fault in ("ends", "hangs") and place == 9:
-                self.wfile.write(data[: len(data) // 2])
+            for _ in pace(self.server.rate):
+                number = self.server.next_number()
+                self.server.stamps.note(number, time.monotonic())
+                coded = cv2.imencode(".jpg", bgr(number, self.server.size))[1].tobytes()
+                head = "--frame\r\nContent-Type: image/jpeg\r\n"
+                head += f"Content-Length: {len(coded)}\r\n\r\n"
+                self.wfile.write(head.encode() + coded + b"\r\n")
                 self.wfile.flush()
-                if fault == "ends":
-                    return
-                time.sleep(3600)
-            self.wfile.write(data + b"\r\n")
-            self.wfile.flush()
 
     def log_message(self, format: str, *arguments: object) -> None:
         """Say nothing."""

@@ -243,7 +243,7 @@ def rtsp(
 
 
 def mjpeg(folder: Path, film: Film = FILM) -> Sender:
-    """JPEGs over HTTP; add ``?fault=...`` of `mjpeg_server.FAULTS` to its URL."""
+    """JPEGs over HTTP."""
     port = 0
 
     def url_of(bound: int) -> str:
