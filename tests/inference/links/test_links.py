@@ -285,6 +285,17 @@ def test_a_serial_port_goes_both_ways_and_comes_back(terminal, tmp_path, monkeyp
     os.close(theirs)
 
 
+def test_a_baud_rate_that_the_port_does_not_have(monkeypatch):
+    serial = pytest.importorskip("serial")
+
+    def refuse(*_, **__):
+        raise ValueError("no such rate")
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with opened("COM3:12345") as (link, _):
+        until(lambda: link.last_error == "no such rate")
+
+
 def test_without_pyserial_the_extra_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "serial", None)
     refuses("mavlink", open_link, "COM3")

@@ -210,6 +210,7 @@ def test_a_datagram_holds_to_each_row_of_the_table(each):
     "data",
     [
         b'{"a":' * 10_000,
+        json.dumps({**good, "mean": math.nan}).encode(),
         b"status : , 1  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1e+999",
         b"status : , 2  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1",
         b"status : , 1  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1\n",

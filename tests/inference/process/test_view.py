@@ -356,10 +356,10 @@ def test_a_killed_process_s_video_can_be_read(tmp_path, monkeypatch):
     path = tmp_path / "out.mp4"
     with viewed(record=path, served=False) as view:
         part = tmp_path / "out.mp4.part"
-        until(lambda: view.see() and part.stat().st_size > 20_000)
+        until(lambda: view.see() and part.stat().st_size > 8_000)
         view.signal(signal.SIGKILL)
         until(lambda: view.see() and (tmp_path / "out-2.mp4.part").exists())
-        assert len(frames_of(part)) >= 10
+        assert len(frames_of(part)) >= 3
         until(lambda: view.see() and (tmp_path / "out-2.mp4.part").stat().st_size > 1000)
     assert frames_of(tmp_path / "out-2.mp4") and part.exists() and not path.exists()
 
@@ -451,7 +451,7 @@ def test_a_run_that_is_killed_leaves_no_view_behind(make_mission, bundle_file, c
         port = free.getsockname()[1]
     here = type("Here", (), {"port": port})
     process = start_tokt(
-        *("run", "--bundle", bundle_file, "--source", make_mission([[]] * 300), "--rate", "10"),
+        *("run", "--bundle", bundle_file, "--source", make_mission([[]] * 150), "--rate", "5"),
         *("--udp", f"127.0.0.1:{closed_port}", "--view", port, "--watchdog"),
     )
     try:

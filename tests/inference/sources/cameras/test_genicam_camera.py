@@ -1,8 +1,11 @@
 """harvesters and its simulated camera (viky.cti of the genicam package), in this process."""
 
+import io
+import json
 import os
 import shutil
 import signal
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,12 +14,13 @@ import numpy as np
 import pytest
 
 from tests.calls import refuses
+from tests.waiting import until
 from tokt.features.frames.camera_frame import frame_from_camera
 from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Reason
 from tokt.inference.sources.cameras.genicam import producers as genicam_producers
 from tokt.inference.sources.cameras.genicam.camera import FetchedFrame, GenicamCamera, opened_camera
-from tokt.inference.sources.cameras.genicam.process import _chosen
+from tokt.inference.sources.cameras.genicam.process import _chosen, _send_next
 from tokt.inference.sources.cameras.genicam.producers import (
     ListedCamera,
     Listing,
@@ -137,6 +141,28 @@ def test_incomplete_frames_are_told_and_given_back(producers, monkeypatch):
     assert {one.fault.reason for one in halves} == {Reason.INCOMPLETE}
     numbers = [one.frame_id for one in found]
     assert numbers == sorted(set(numbers))
+
+
+class Stuck(io.BytesIO):
+    """A pipe that nobody reads for longer than a period."""
+
+    def flush(self) -> None:
+        time.sleep(0.2)
+
+
+def test_what_came_while_nobody_read_is_given_back(producers):
+    pipe = Stuck()
+    with red(producers, camera_rate=20) as camera:
+        stream = producers.harvester.image_acquirers[0].data_streams[0]
+
+        def given_back() -> bool:
+            _send_next(pipe, camera)
+            return bool(pipe.getvalue()) and stream.num_awaiting_delivery == 0
+
+        until(given_back)  # at once, unless the next frame comes before it is looked at
+        sent = json.loads(pipe.getvalue().partition(b"\n")[0])
+        assert taken(camera, 1)[0].frame_id > sent["frame_id"] + 1
+    assert (sent["bytes"], sent["reason"]) == (400 * 400, "ok")
 
 
 def test_a_camera_that_is_pulled_out_can_be_opened_again(producers):

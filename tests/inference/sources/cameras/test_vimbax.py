@@ -121,6 +121,17 @@ def test_what_cannot_be_set_is_refused_and_closed(options, words, open_camera, d
     delivered.wait(1)
 
 
+def test_what_a_feature_is_while_it_cannot_be_read_and_in_which_steps_it_is_set(
+    open_camera, delivered
+):
+    one = open_camera()
+    one.start(delivered)
+    camera = one._stream._camera
+    assert camera.feature("Scan3dOutputMode").value is None
+    assert camera.feature("PixelFormat").range == ["RGBa8", "Mono8"]
+    assert camera.feature("Height").step >= 1
+
+
 class Bare:
     """Features with a value each, and what range and step a link's limit has."""
 
