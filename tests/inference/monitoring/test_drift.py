@@ -148,6 +148,17 @@ def test_without_a_distribution_drift_is_not_known(model):
     assert not sea.monitor.state.known
 
 
+def test_frames_without_features_are_passed_over():
+    sea = Sea()
+    for _ in range(WINDOW):
+        sea.give(None)
+        # Of the model before, judged just before the switch.
+        sea.give(np.zeros((50, DIM + 1)))
+    assert sea.monitor.state == DriftState(known=True)
+    sea.frames(WINDOW)
+    assert len(sea.monitor.distances) == DIM
+
+
 def learnt(bundle: Bundle, pictures: list[NDArray[np.uint8]]) -> Bundle:
     """The bundle with the distribution of these pictures' features."""
     content = bundle.content
