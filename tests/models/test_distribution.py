@@ -21,18 +21,8 @@ from tokt.models.bundle.bundle import (
     distribution_bytes,
     distribution_from_bytes,
 )
-from tokt.models.bundle.card import model_card
-from tokt.models.bundle.override_obstacle_classes import override_obstacle_classes
-from tokt.models.distribution import (
-    BINS,
-    Distribution,
-    bin_counts,
-    drift_words,
-    ks_distances,
-    quantile_edges,
-)
+from tokt.models.distribution import BINS, Distribution, bin_counts, ks_distances, quantile_edges
 
-SEVERAL = (("ocean", False), ("sand", True), ("tower", True))
 # Few different values (many patches of one value, as histograms have), or many.
 VALUES = st.one_of(
     st.lists(st.integers(-3, 3).map(float), min_size=1, max_size=80),
@@ -110,16 +100,6 @@ def test_a_bundle_carries_it(make_content):
     assert bundle_from_bytes(bundle_bytes(without), "x.tokt").distribution is None
 
 
-def test_other_obstacle_flags_keep_it(make_content):
-    content = replace(make_content(2, classes=SEVERAL), distribution=distribution())
-    bundle = bundle_from_bytes(bundle_bytes(content), "x.tokt")
-    flags = {"ocean": False, "sand": False, "tower": True}
-    found = override_obstacle_classes(bundle, flags, "flags.toml", "0" * 64)
-    assert found.sha256 != bundle.sha256 and found.distribution is not None
-    assert distribution_bytes(found.distribution) == distribution_bytes(distribution())
-    assert "Input drift" in found.content.card and "90 windows" in found.content.card
-
-
 def changed(**edit: Any) -> bytes:
     """The member with some arrays replaced or (None) left out."""
     with np.load(io.BytesIO(distribution_bytes(distribution()))) as archive:
@@ -141,29 +121,21 @@ WRONG: list[dict[str, Any]] = [
     {"more": np.zeros(1)},
     {"edges": GOOD.edges.astype(np.float32)},
     {"edges": GOOD.edges[:, :-1]},
-    {"edges": GOOD.edges[:-1]},
     {"edges": GOOD.edges[:, ::-1]},
-    {"edges": GOOD.edges[0]},
     {"edges": _with(GOOD.edges, (0, 0), np.nan)},
     {"edges": _with(GOOD.edges, (0, -1), np.inf)},
     {"counts": GOOD.counts.astype(np.int32)},
-    {"counts": GOOD.counts.astype(np.float64)},
     {"counts": _with(GOOD.counts, (3, 4), -1)},
-    {"counts": _with(GOOD.counts, (3, 4), 2**62)},
     {"counts": _with(GOOD.counts, (3, 4), GOOD.counts[3, 4] + 1)},
     {"counts": GOOD.counts * 0},
     {"typical": GOOD.typical[:, None]},
     {"typical": _with(GOOD.typical, 5, np.nan)},
     {"typical": _with(GOOD.typical, 5, 0.0)},
-    {"typical": _with(GOOD.typical, 5, 1.5)},
     {"factor": np.array(0.5)},
-    {"factor": np.array(np.nan)},
     {"factor": np.array(1e9)},
     {"factor": np.array([3.5])},
     {"window_frames": np.array(0)},
     {"window_frames": np.array(10**6)},
-    {"window_frames": np.array(20.0)},
-    {"window_frames": np.array([20])},
     {"stretches": np.array(2)},
     {"stretches": np.array(91)},
     {"windows": np.array(-1)},
@@ -189,13 +161,3 @@ def test_it_must_fit_the_model_and_the_format(make_content):
     with pytest.raises(ToktError, match="has been edited"):
         edited = {**members, "distribution.npz": changed(factor=np.array(3.0))}
         bundle_from_bytes(pack(edited), "x")
-
-
-def test_the_card_says_what_is_known(make_content):
-    recipe: dict[str, Any] = {"extractor": {"name": "haralick"}, "dim": 13, "metrics": {}}
-    recipe |= {"grid": {"rows": 1, "cols": 1, "width": None}, "thresholds": [0.0]}
-    recipe |= {"classes": [{"name": "ocean", "obstacle": False}]}
-    assert "Input drift is not known" in model_card("a/1", recipe, {})
-    card = model_card("a/1", {**recipe, "distribution": GOOD.summary()}, {})
-    assert drift_words(GOOD.summary()) in card
-    assert "last 20 judged frames" in card and "one stretch of such frames in 5" in card

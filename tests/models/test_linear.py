@@ -44,16 +44,6 @@ def test_the_bias_is_the_exact_sum_rounded_once():
     assert model.bias.tolist() == [-3.1]
 
 
-def test_folding_of_well_scaled_features_is_exact_to_twelve_digits():
-    rng = np.random.default_rng(0)
-    mean, scale = rng.uniform(0, 1, 25), rng.uniform(0.5, 2, 25)
-    coef, intercept = rng.normal(size=(1, 25)), np.array([50.0])
-    features = rng.uniform(0, 1, (200, 25))
-    model = LinearModel.fold(coef, intercept, mean, scale, np.zeros(1), ("a", "b"), (False, True))
-    unfolded = ((features - mean) / scale) @ coef.T + intercept
-    np.testing.assert_allclose(model.decision_values(features), unfolded, rtol=1e-12, atol=0)
-
-
 excesses = st.floats(-100, 100, allow_nan=False)
 
 
@@ -95,16 +85,6 @@ def test_several_classes(data, n):
             assert excess.count(max(excess)) > 1
 
 
-def test_score_by_hand():
-    model = _model((False, True, True), [0.0, 1.0, -1.0])
-    values = np.array([[0.5, 1.0, -2.0], [0.5, 3.0, 0.0], [-3.0, 0.0, -2.5]])
-    assert model.predicted(values).tolist() == [0, 1, 1]
-    assert model.obstacle_score(values).tolist() == [-0.5, 1.5, 2.0]
-    two = _model((False, True), [0.25])
-    assert two.obstacle_score(np.array([[1.0], [0.25], [0.0]])).tolist() == [0.75, 0.0, -0.25]
-    assert two.obstacle_patches(np.array([[1.0], [0.25], [0.0]])).tolist() == [True, False, False]
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_features_that_are_not_finite(bad):
     model = _model((False, True), [0.0])
@@ -116,11 +96,6 @@ def test_features_that_are_not_finite(bad):
     zero = LinearModel(np.zeros((1, 4)), np.zeros(1), np.zeros(1), ("a", "b"), (False, True))
     with pytest.raises(ValueError, match="not finite"), np.errstate(invalid="ignore"):
         zero.decision_values(features)
-
-
-def test_another_number_of_features():
-    with pytest.raises(ValueError):
-        _model((False, True), [0.0]).decision_values(np.ones((5, 3)))
 
 
 GOOD: dict[str, Any] = {

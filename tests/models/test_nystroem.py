@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from sklearn.kernel_approximation import Nystroem
 
 from tests.calls import refuses
 from tests.models.conftest import small_content
@@ -18,6 +17,7 @@ from tokt.models.nystroem import NystroemMap
 from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
 from tokt.training.fitting.presets import Hyperparameters, TrainingSettings
 
+SIDES = ("clear", "obstacle"), (False, True)
 SETTINGS = TrainingSettings("drawn", True, (1.0,), False, landmarks=30)
 
 
@@ -34,7 +34,7 @@ def fitted():
 
 
 def test_the_folded_model_is_scikit_learns(fitted):
-    model = linear_model(fitted, ("clear", "obstacle"), (False, True))
+    model = linear_model(fitted, *SIDES)
     assert model.dim == 3 and model.weights.shape == (1, 30)
     features, targets = rings(1)
     np.testing.assert_allclose(
@@ -43,20 +43,8 @@ def test_the_folded_model_is_scikit_learns(fitted):
     assert (model.predicted(model.decision_values(features)) == targets).mean() > 0.9
 
 
-def test_likeness_is_the_kernel(fitted):
-    nystroem: Nystroem = fitted.named_steps["map"]
-    mapped = linear_model(fitted, ("clear", "obstacle"), (False, True)).map
-    features, _ = rings(2)
-    scaled = fitted.named_steps["scaler"].transform(features)
-    assert np.abs(scaled).max() == mapped.limit == 2.5
-    expected = nystroem.transform(scaled)
-    np.testing.assert_allclose(
-        mapped.likeness(features) @ nystroem.normalization_.T, expected, atol=1e-9
-    )
-
-
 def test_what_lies_far_out_is_as_good_as_the_limit(fitted):
-    model = linear_model(fitted, ("clear", "obstacle"), (False, True))
+    model = linear_model(fitted, *SIDES)
     far = model.decision_values(np.array([[1e3, 3, 1000], [1e300, 3, 1000]]))
     assert far[0] == far[1]
     for wrong in (np.nan, np.inf, -np.inf):
@@ -70,9 +58,7 @@ def test_the_same_data_gives_the_same_map_and_landmarks_go_by_weight():
     weights = np.repeat([1.0, 0.0], 200)
     one, two = (
         linear_model(
-            fit_classifier(features, targets, Hyperparameters(1.0), SETTINGS, weights),
-            ("clear", "obstacle"),
-            (False, True),
+            fit_classifier(features, targets, Hyperparameters(1.0), SETTINGS, weights), *SIDES
         )
         for _ in range(2)
     )
@@ -81,16 +67,6 @@ def test_the_same_data_gives_the_same_map_and_landmarks_go_by_weight():
     alone = fit_classifier(features[:200], targets[:200], Hyperparameters(1.0), SETTINGS)
     np.testing.assert_allclose(one.map.scale, alone.named_steps["scaler"].scale_)
     assert np.abs(one.map.landmarks).max() <= 2.5
-
-
-def test_fewer_patches_than_landmarks():
-    features, targets = rings(n=12)
-    model = linear_model(
-        fit_classifier(features, targets, Hyperparameters(1.0), SETTINGS),
-        ("clear", "obstacle"),
-        (False, True),
-    )
-    assert model.weights.shape == (1, 12)
 
 
 MAP = {
@@ -120,12 +96,6 @@ def test_a_map_that_is_none(name, wrong):
     NystroemMap(**MAP)
     with pytest.raises(ValueError):
         NystroemMap(**{**MAP, name: wrong})
-
-
-def test_weights_that_do_not_fit_the_map():
-    arrays = np.ones((1, 2)), np.zeros(1), np.zeros(1)
-    with pytest.raises(ValueError, match="3 landmarks"):
-        LinearModel(*arrays, ("ocean", "other"), (False, True), NystroemMap(**MAP))
 
 
 @pytest.fixture(scope="module")

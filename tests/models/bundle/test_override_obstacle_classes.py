@@ -10,7 +10,7 @@ import pytest
 
 from tests.calls import refuses
 from tokt.features.frames.image_file import decode_image
-from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bundle
+from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes
 from tokt.models.bundle.override_obstacle_classes import override_obstacle_classes
 from tokt.models.operating_point import MofNRule
 from tokt.models.store.store import Store
@@ -75,16 +75,6 @@ def test_deployed_with_another_taxonomy(three, tmp_path, run_tokt):
     assert "sand (obstacle)" in found.content.card and "do not hold" in found.content.card
     assert "dive.toml" in found.content.card
     assert "dive.toml" in run_tokt("store", store).out
-
-
-def test_exported_with_its_own_flags_it_is_the_same_file(three, tmp_path, run_tokt):
-    file, out = tmp_path / "three.tokt", tmp_path / "out.tokt"
-    file.write_bytes(three.data)
-    flags = write_taxonomy(tmp_path / "same.toml", ocean=False, sand=False, tower=True)
-    ran = run_tokt("export", file, "-o", out, "--taxonomy", flags)
-    assert ran.code == 0 and "has these obstacles already" in ran.err
-    assert out.read_bytes() == three.data
-    assert read_bundle(out).operating_point.rule == three.operating_point.rule
 
 
 def test_flags_that_cannot_be_are_one_line(three, make_content, tmp_path, run_tokt):

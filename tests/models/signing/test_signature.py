@@ -154,26 +154,17 @@ def test_no_signature_member_makes_another_error(data):
 # --- attacks
 
 
-def test_unsigned_or_signed_by_somebody_else(guarded, bundles, keys):
-    refused(guarded, bundles["b"].data, "not signed")
-    other = keys["other"].sign(bundles["b"], "b").data
-    refused(guarded, other, f"key {keys['other'].public.id}, which this store does not trust")
-
-
-def test_a_signature_that_claims_another_key(guarded, bundles, keys):
-    theirs = keys["other"].sign(bundles["b"], "b").signature
-    claim = dataclasses.replace(theirs, key_id=keys["boat"].public.id)
-    refused(guarded, with_signature(bundles["b"].data, claim, "b"), "signature is not that of key")
-
-
-def test_the_signature_of_another_bundle(guarded, bundles, signed):
-    data = with_signature(bundles["b"].data, signed["a"].signature, "b")
-    refused(guarded, data, "signature is not that of key boat")
-
-
-def test_an_edited_manifest_with_every_hash_made_to_fit(guarded, signed):
-    edited = rehash(unpack(signed["b"].data), {"version": "9"})
-    refused(guarded, edited, "signature is not that of key")
+def test_no_signature_or_one_of_another_key_bundle_or_manifest(guarded, bundles, keys, signed):
+    plain, theirs = bundles["b"].data, keys["other"].sign(bundles["b"], "b")
+    claim = dataclasses.replace(theirs.signature, key_id=keys["boat"].public.id)
+    for data, words in (
+        (plain, "not signed"),
+        (theirs.data, f"key {keys['other'].public.id}, which this store does not trust"),
+        (with_signature(plain, claim, "b"), "signature is not that of key"),
+        (with_signature(plain, signed["a"].signature, "b"), "signature is not that of key boat"),
+        (rehash(unpack(signed["b"].data), {"version": "9"}), "signature is not that of key"),
+    ):
+        refused(guarded, data, words)
 
 
 def test_weights_exchanged_under_a_signed_manifest(guarded, signed, bundles):
@@ -211,13 +202,13 @@ def test_a_downgrade_to_an_older_format(guarded, signed):
     refused(guarded, pack(members), "signature is not that of key")
 
 
-@pytest.mark.parametrize("digits", [0, 2, 64, 126, 130])
+@pytest.mark.parametrize("digits", [0, 126, 130])
 def test_a_truncated_signature(guarded, signed, digits):
     cut = (signed["b"].signature.value.hex() * 2)[:digits]
     unread(guarded, with_member(signed["b"], signature=cut), "signature is damaged")
 
 
-@pytest.mark.parametrize("name", ["none", "", "ED25519", "ed25519ph", "hmac", None, 0])
+@pytest.mark.parametrize("name", ["none", "ed25519ph", None])
 def test_another_algorithm(signed, name):
     data = with_member(signed["b"], algorithm=name)
     refuses("not of the algorithm ed25519", bundle_from_bytes, data, "file")
@@ -321,12 +312,6 @@ def test_a_key_that_is_trusted_no_more(guarded, keys, signed, bundles):
     assert (event.action, event.name, event.reason) == ("distrust", "boat", "laptop lost")
 
 
-def test_a_name_edited_by_hand_is_printable_in_what_distrusts_it(guarded, keys):
-    file = guarded.path / "keys.json"
-    file.write_text(file.read_text().replace('"boat"', r'"a\nb\u001b[2J"'))
-    assert guarded.distrust(keys["boat"].public.id).name == "a b?[2J"
-
-
 def test_the_last_key_distrusted_opens_nothing(guarded, keys, signed, bundles):
     guarded.distrust(keys["boat"].public.id)
     for bundle in (bundles["b"], signed["b"]):
@@ -413,38 +398,15 @@ def test_a_lost_keys_file_does_not_open_the_store(guarded, keys, bundles):
     assert guarded.active().name == "a"
 
 
-KEYS_OF_FORMAT_1 = """{
-  "format_version": 1,
-  "events": [
-    {
-      "action": "trust",
-      "key_id": "KEY_ID",
-      "public_key": "PUBLIC_KEY",
-      "name": "boat",
-      "time": "2026-02-01T08:00:00+00:00",
-      "who": "chief",
-      "reason": "b\\u00f8lge"
-    },
-    {
-      "action": "accept unsigned",
-      "key_id": "",
-      "public_key": "",
-      "name": "",
-      "time": "2026-02-01T09:00:00+00:00",
-      "who": "chief",
-      "reason": ""
-    },
-    {
-      "action": "trust",
-      "key_id": "KEY_ID",
-      "public_key": "PUBLIC_KEY",
-      "name": "boat",
-      "time": "2026-02-01T10:00:00+00:00",
-      "who": "chief",
-      "reason": ""
-    }
-  ]
-}
+KEYS_OF_FORMAT_1 = """\
+{"format_version": 1, "events": [
+{"action": "trust", "key_id": "KEY_ID", "public_key": "PUBLIC_KEY", "name": "boat", \
+"time": "2026-02-01T08:00:00+00:00", "who": "chief", "reason": "b\\u00f8lge"},
+{"action": "accept unsigned", "key_id": "", "public_key": "", "name": "", \
+"time": "2026-02-01T09:00:00+00:00", "who": "chief", "reason": ""},
+{"action": "trust", "key_id": "KEY_ID", "public_key": "PUBLIC_KEY", "name": "boat", \
+"time": "2026-02-01T10:00:00+00:00", "who": "chief", "reason": ""}
+]}
 """
 HISTORY_OF_FORMAT_2 = """\
 {"number": 1, "action": "deploy", "sha256": "SHA256", "name": "a", "version": "1", \
@@ -534,24 +496,12 @@ def test_a_key_with_a_passphrase(tmp_path):
         refuses("wrong passphrase", read_signing_key, pair.private_file, lambda: wrong)  # noqa: B023
 
 
-@pytest.mark.parametrize("passphrase", ["x" * 5000, "\udcf8"])
-def test_a_passphrase_that_cannot_be_used(passphrase, tmp_path):
-    refuses("this passphrase cannot be used", write_key_pair, tmp_path / "k", passphrase)
-    assert not list(tmp_path.iterdir())
-
-
 def test_two_keys_in_a_file(key_files, tmp_path):
     """Only the first would be trusted, without a word."""
     both = tmp_path / "both.pub"
     public = [file.with_suffix(".pub").read_bytes() for file in key_files.values()]
     both.write_bytes(b"".join(public))
     refuses("more than one key", read_public_key, both)
-
-
-def test_a_key_s_file_named_in_another_encoding(store, keys):
-    store.trust(keys["boat"].public, "b\udcf8t", "b\udcf8lge")
-    (event,) = store.trusted_keys().events
-    assert (event.name, event.reason) == ("b?t", "b?lge")
 
 
 def test_files_that_are_no_keys(key_files, tmp_path):

@@ -116,26 +116,6 @@ def test_what_to_carry_to_a_pc_without_a_network_works_there(files, store, tmp_p
     assert "no earlier model" in words(run_tokt(*typed))
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("--trust", "x.pub", "--distrust", "12345678"),
-        ("--distrust", "12345678", "--accept-unsigned"),
-        ("--reason", "why"),
-    ],
-)
-def test_options_of_store_that_do_not_go_together(arguments, store, run_tokt):
-    store.path.mkdir(parents=True)
-    assert "--trust, --distrust" in words(run_tokt("store", store.path, *arguments))
-    assert not list(store.path.iterdir())
-
-
-@pytest.mark.parametrize("option", [("--distrust", "12345678"), ("--accept-unsigned",)])
-def test_keys_of_a_store_that_is_not_there(option, store, run_tokt):
-    assert "does not exist" in words(run_tokt("store", store.path, *option))
-    assert not store.path.exists()
-
-
 def states(store: Store) -> dict[str, str]:
     return {one.name: f"{one.state}: {one.text}" for one in store_findings(store.path)}
 
@@ -162,15 +142,8 @@ def test_doctor_on_keys_and_the_last_good_copy(store, signed, bundles, key_files
     store.rollback()
     found = states(store)
     assert found["store active"].startswith("ok: b/2")
-    copy = "note: c/3 will not be used: it was rolled back from"
-    assert found["store last good copy"] == copy
-    # Further down among what can be undone, and yet left by a person.
-    for name in "cbc":
-        store.deploy(signed[name])
-    store.rollback()
-    assert states(store)["store last good copy"] == copy
-    store.last_good_file.write_bytes(b"damaged")
-    assert states(store)["store last good copy"].startswith("note: cannot be used")
+    copy = found["store last good copy"]
+    assert copy == "note: c/3 will not be used: it was rolled back from"
     (store.path / "keys.json").write_bytes(b"?")
     assert states(store)["store keys"].startswith("fault: ")
     store.accept_unsigned(notice=str)

@@ -246,12 +246,6 @@ def test_a_store_that_cannot_be_written_is_told_not_raised(store, bundles):
     assert not list(store.path.glob(".partial-*"))
 
 
-def test_what_is_there_already_is_not_written_again(store, bundles):
-    before = store.last_good_file.stat()
-    assert remember_good(store, bundles["c"]) == ""
-    assert store.last_good_file.stat().st_ino == before.st_ino
-
-
 # --- the check beside a running runtime
 
 
@@ -281,11 +275,6 @@ runpy.run_module("tokt.models.store.check_active", run_name="__main__")
 """
     done = run_python("-c", program, tmp_path)
     assert (done.returncode, done.stdout) == (1, "")
-
-
-@pytest.mark.parametrize("arguments", [(), ("none",), ("none", "more")])
-def test_nothing_to_check(arguments, tmp_path):
-    assert main([str(tmp_path / name) for name in arguments]) == 2
 
 
 def test_golden_false_leaves_out_nothing_else(bundles):

@@ -199,27 +199,6 @@ def test_a_full_disk(store, keys, signed, run, name, limit):
         assert run(name) == 0
 
 
-def test_a_disk_that_fills_up_before_the_line_in_the_history(store, signed, monkeypatch):
-    """The model is active by then, so that the command has not failed."""
-
-    write = Store._write
-
-    def full(self: Store, file: Path, text: str) -> None:
-        if file.name == "history.jsonl":
-            raise OSError(28, "No space left on device")
-        write(self, file, text)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Store, "_write", full)
-        notices: list[str] = []
-        store.deploy(signed["c"], notice=notices.append)
-    assert "No space left" in notices[0]
-    assert store.active().label == "c/3" and store.history()[-1].label == "c/3"
-    store.rollback()
-    assert [entry.number for entry in store.history()] == [1, 2, 3, 4]
-    assert store.path.joinpath("history.jsonl").read_bytes().count(b"\n") == 4
-
-
 def test_reading_writes_nothing(store, signed):
     """Neither a file nor a time stamp: a runtime works from a folder it may only read."""
     remember_good(store, signed["b"])

@@ -1,4 +1,4 @@
-"""Bundles of format 1: one laid out by hand, and a file that tokt wrote; they must load for ever.
+"""Bundles of older formats: one laid out by hand, and files that tokt wrote; they load for ever.
 
 Nothing here may be changed together with models/bundle/bundle.py: it stands for files on ships.
 """
@@ -33,6 +33,7 @@ MANIFEST = """
   "version": "1"
 }
 """
+RULE_OF_2 = MofNRule(0.25, 2, 1, 3)
 WEIGHTS = [[-3.0, 2.0, 0.5, 1.0, -1.0, 4.0, 0.25, -2.0, 1.5, -0.5]]
 
 
@@ -95,17 +96,32 @@ def test_format_1_loads(stamp):
     assert bundle.operating_point == OperatingPoint(MofNRule(0.0, 1, 1, 1), {})
 
 
-def test_a_file_of_format_1_loads_and_is_the_same_model_in_this_format():
-    """Written by the commit before format 2, with three classes."""
-    data = (Path(__file__).parent / "bundle_of_format_1.zip").read_bytes()
+@pytest.mark.parametrize(
+    ("version", "label", "sha256", "point"),
+    [
+        (1, "yesterday/3", "a9d11a95918e", OperatingPoint()),
+        (2, "lastweek/4", "15f15496898d", OperatingPoint(RULE_OF_2, {"target_rate": 1e-4})),
+        (3, "yesterday/5", "dc80d33fbcf3", None),
+    ],
+)
+def test_a_file_of_an_older_format_is_the_same_model_in_this_one(version, label, sha256, point):
+    """Written by the commit before the next format, with three classes each."""
+    data = (Path(__file__).parent / f"bundle_of_format_{version}.zip").read_bytes()
 
     old = bundle_from_bytes(data, "old.tokt")
     new = bundle_from_bytes(bundle_bytes(old.content), "new.tokt")
 
-    assert (old.label, old.sha256[:12]) == ("yesterday/3", "a9d11a95918e")
-    assert old.operating_point == new.operating_point == OperatingPoint()
-    assert old.model.classes == new.model.classes == ("ocean", "sand", "other")
+    assert (old.label, old.sha256[:12]) == (label, sha256)
     assert old.sha256 != new.sha256
+    assert old.operating_point == new.operating_point
+    assert point is None or old.operating_point == point
+    # No map before format 4, no distribution before format 3.
+    assert old.model.map is None and new.model.map is None and old.signature is None
+    kept = [one.distribution and one.distribution.summary() for one in (old, new)]
+    assert kept[0] == kept[1] and bool(kept[0]) == (version == 3)
+    assert old.model.classes == new.model.classes == ("ocean", "sand", "other")
+    assert old.model.obstacle == new.model.obstacle
     np.testing.assert_array_equal(old.model.weights, new.model.weights)
+    np.testing.assert_array_equal(old.content.trained_on, new.content.trained_on)
     golden, again = old.content.golden.decision_values, new.content.golden.decision_values
     np.testing.assert_array_equal(golden, again)
