@@ -8,9 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.calls import run_python
-from tokt.cli import completion
-from tokt.cli.completion import complete, join_bash_words
-from tokt.features.extractors.named_extractors import extractor_named
+from tokt.cli.completion import complete
 from tokt.models.registry.names import ALIASES, REFERENCES, registered_names
 
 TABLES = """
@@ -39,49 +37,6 @@ def workspace(tmp_path, monkeypatch):
 def completed(metavar, incomplete, workspace=None):
     context = SimpleNamespace(params={} if workspace is None else {"workspace": workspace})
     return complete(context, SimpleNamespace(metavar=metavar), incomplete)
-
-
-@pytest.mark.parametrize(
-    ("parted", "whole"),
-    [
-        (["tokt", "evaluate", "to"], ["tokt", "evaluate", "to"]),
-        (["tokt", "evaluate", "to", "@", "ch"], ["tokt", "evaluate", "to@ch"]),
-        (["tokt", "evaluate", "to", "@"], ["tokt", "evaluate", "to@"]),
-        (["tokt", "evaluate", "to", "@", ""], ["tokt", "evaluate", "to@"]),
-        (["tokt", "train", "--preset", "=", "be"], ["tokt", "train", "--preset=be"]),
-        (
-            ["tokt", "run", "--udp", "v2", "@", "ship", ":", "1130"],
-            ["tokt", "run", "--udp", "v2@ship:1130"],
-        ),
-    ],
-)
-def test_what_bash_parted_is_put_together(parted, whole, monkeypatch):
-    monkeypatch.setattr(completion, "_parted", False)
-    told = {"COMP_WORDS": "\n".join(parted), "COMP_CWORD": str(len(parted) - 1)}
-    join_bash_words(told)
-    assert told["COMP_WORDS"].split("\n") == whole
-    assert told["COMP_CWORD"] == str(len(whole) - 1)
-
-
-def test_a_word_in_the_middle_stays_the_one_that_is_completed(monkeypatch):
-    monkeypatch.setattr(completion, "_parted", False)
-    words = ["tokt", "compare", "a", "@", "x", "b", "c", ":", "d"]
-    told = {"COMP_WORDS": "\n".join(words), "COMP_CWORD": "5"}
-    join_bash_words(told)
-    joined = told["COMP_WORDS"].split("\n")
-    assert (
-        joined == ["tokt", "compare", "a@x", "b", "c:d"] and joined[int(told["COMP_CWORD"])] == "b"
-    )
-
-
-def test_bash_is_told_what_takes_the_place_of_the_last_part(workspace, monkeypatch):
-    assert completed("MODEL", "reef@ch", workspace) == ["reef@champion"]
-    for words, put in ((["reef", "@", "ch"], "@champion"), (['"reef@ch'], "reef@champion")):
-        told = {"COMP_WORDS": "\n".join(["tokt", *words]), "COMP_CWORD": str(len(words))}
-        join_bash_words(told)
-        assert completed("MODEL", "reef@ch", workspace) == [put]
-    monkeypatch.setattr(completion, "_parted", True)
-    assert completed("MODEL", "ree", workspace)[0] == "reef"
 
 
 def test_names_out_of_the_workspace(workspace):
@@ -115,15 +70,6 @@ def test_a_workspace_on_the_line_is_asked(workspace):
         code = "import sys; from tokt.cli import main; sys.argv = ['tokt']; main()"
         done = run_python("-c", code, **told)
         assert (done.returncode, done.stdout.strip(), done.stderr) == (0, names, "")
-
-
-def test_choices_and_extractors():
-    assert completed("thesis|plain|water|best", "") == ["thesis", "plain", "water", "best"]
-    assert completed("N|auto", "a") == ["auto"] and completed("v1|v2", "v") == ["v1", "v2"]
-    names = completed("EXTRACTOR", "haralick+l")
-    assert "haralick+lbp" in names
-    for name in names:
-        assert extractor_named(name).dim > 13
 
 
 def test_a_registry_that_cannot_be_read_has_no_names(workspace, monkeypatch, tmp_path):

@@ -14,12 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.calls import free_port, refuses, run_python, succeeds
+from tests.calls import run_python, succeeds
 from tests.features.kernels.each_kernel import changed
 from tokt.cli import doctor as doctor_module
-from tokt.cli.doctor import missing_packages
 from tokt.features.common import atomic
-from tokt.features.common.sqlite_copy import copy_database
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.health import compared, kernel_findings
 from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
@@ -48,10 +46,17 @@ def store(tiny_bundle, tmp_path):
     return tmp_path / "store"
 
 
-@pytest.fixture
-def labelled(workspace, tiny):
+@pytest.fixture(scope="module")
+def labelled_once(trained, tiny, tmp_path_factory):
+    workspace = shutil.copytree(trained, tmp_path_factory.mktemp("labelled") / ".tokt")
     succeeds("labels", "import", tiny.labels, "--workspace", workspace)
     return workspace
+
+
+@pytest.fixture
+def labelled(labelled_once, tmp_path):
+    """A workspace with a model and 4000 labels that a test may change."""
+    return shutil.copytree(labelled_once, tmp_path / ".tokt")
 
 
 @pytest.fixture
@@ -116,19 +121,6 @@ def test_a_label_store_in_use_keeps_its_bytes(labelled, doctor):
         _, found = doctor("--workspace", labelled)
     other.close()
     assert found["labels"]["events"] == 4001
-
-
-@pytest.mark.parametrize("name", ["library", "numpy"])
-@pytest.mark.process
-def test_kernels_that_were_asked_for(name, tmp_path, tokt_without):
-    done = tokt_without((), tmp_path, "doctor", "--json", TOKT_KERNELS=name)
-    assert done.returncode == 0, done.stdout + done.stderr
-    found = by_name(done.stdout)
-    assert found["kernels"]["kernels"] == found["kernels"]["variable"] == name
-    assert f"TOKT_KERNELS={name}" in found["kernels"]["text"]
-    others = [value for value in found.values() if "compared_with" in value]
-    assert others and {value["compared_with"] for value in others} == {name}
-    assert {value["lbp_difference"] for value in others} == {0}
 
 
 @pytest.mark.process
@@ -203,7 +195,6 @@ def rename_version(store):
         (lambda store: (store / "active").write_text("{"), {"store", "store active"}),
         (lambda store: (store / "history.jsonl").write_text("?\n?\n"), {"store"}),
         (lambda store: shutil.rmtree(store), {"store"}),
-        (lambda store: (shutil.rmtree(store), store.write_text("")), {"store"}),
     ],
 )
 def test_a_damaged_store(spoil, faults, store, doctor):
@@ -224,8 +215,15 @@ def test_half_written_files_and_an_empty_store(store, tmp_path, doctor):
     assert "store partial files" not in found
 
 
-@pytest.mark.parametrize(("name", "finding"), [("mlflow.db", "registry"), ("labels.db", "labels")])
-@pytest.mark.parametrize("how", ["no database", "cut", "a folder"])
+@pytest.mark.parametrize(
+    ("name", "finding", "how"),
+    [
+        ("mlflow.db", "registry", "cut"),
+        ("mlflow.db", "registry", "no database"),
+        ("labels.db", "labels", "cut"),
+        ("labels.db", "labels", "a folder"),
+    ],
+)
 def test_a_damaged_database(name, finding, how, labelled, doctor):
     file = labelled / name
     whole = file.read_bytes()
@@ -280,42 +278,6 @@ def test_the_registry_that_the_environment_names(labelled, tmp_path, doctor, mon
     assert "secret" not in str(found) and "***@host" in str(found)
 
 
-@pytest.mark.process
-def test_a_registry_server_that_is_down_is_a_fault(tmp_path, tokt_without):
-    uri = f"http://me:secret@127.0.0.1:{free_port()}"
-    once = {"MLFLOW_TRACKING_URI": uri, "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}
-    done = tokt_without((), tmp_path, "doctor", "--json", **once)
-    assert done.returncode == 1
-    assert by_name(done.stdout)["registry"]["state"] == "fault"
-    assert "secret" not in done.stdout + done.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_database_that_never_rests_is_said(tmp_path, monkeypatch):
-    (tmp_path / "a.db").write_bytes(b"")
-    times = iter(range(100))
-    monkeypatch.setattr("tokt.features.common.sqlite_copy._state", lambda source: next(times))
-    refuses("is being written to", copy_database, tmp_path / "a.db", tmp_path / "copy.db")
-
-
-def test_missing_packages():
-    assert missing_packages("tokt", "train") == []
-    assert "distributed" not in missing_packages("tokt", "cluster")
-    assert missing_packages("tokt", "no such extra") == []
-
-
-def test_missing_packages_of_an_extra_of_an_extra(tmp_path, monkeypatch):
-    for name, wants in {"aa": 'bb[x]>=1; extra == "all"', "bb": 'cc<3,>=2; extra == "x"'}.items():
-        folder = tmp_path / f"{name}-1.dist-info"
-        folder.mkdir()
-        text = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\nRequires-Dist: {wants}\n"
-        (folder / "METADATA").write_text(text)
-    monkeypatch.syspath_prepend(tmp_path)
-    assert missing_packages("aa", "all") == ["cc"]
-    shutil.rmtree(tmp_path / "bb-1.dist-info")
-    assert missing_packages("aa", "all") == ["bb"]
-
-
 needs_vimba_like = pytest.mark.skipif(
     not sys.platform.startswith("linux")
     or os.uname().machine != "x86_64"
@@ -341,47 +303,20 @@ def make_vimba(folder, code):
 
 
 @pytest.mark.parametrize(
-    ("code", "state", "words"),
+    ("code", "words"),
     [
-        ("version[0] = 1; version[1] = 8; version[2] = 3; return 0;", "ok", "with VimbaC 1.8.3"),
-        ("abort();", "fault", "cannot be used: ended with -6"),
-        ("return -4;", "fault", "cannot be used"),
-        ("sleep(60); return 0;", "fault", "does not answer in 2 s"),
+        ("abort();", "cannot be used: ended with -6"),
+        ("sleep(60); return 0;", "does not answer in 0.5 s"),
     ],
-    ids=["sound", "crash", "error", "hang"],
+    ids=["crash", "hang"],
 )
 @needs_vimba_like
-def test_the_camera_library(code, state, words, tmp_path, monkeypatch):
+def test_a_camera_library_that_crashes_or_hangs(code, words, tmp_path, monkeypatch):
     make_vimba(tmp_path, code)
     place = tmp_path / "VimbaGigETL" / "CTI" / "x86_64bit"
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(place))
-    found = camera_driver_finding(timeout_s=2.0 if "sleep" in code else 60.0)
-    assert found.state == state and words in found.text, found
-
-
-@needs_vimba_like
-def test_a_camera_library_that_is_none(tmp_path, monkeypatch):
-    monkeypatch.delenv("GENICAM_GENTL64_PATH", raising=False)
-    assert camera_driver_finding().state == "note"
-    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path / "Tl" / "CTI" / "x86_64bit"))
-    found = camera_driver_finding()
-    assert found.state == "note" and "No libVimbaC.so found" in found.text
-    library = tmp_path / "VimbaC" / "DynamicLib" / "x86_64bit" / "libVimbaC.so"
-    library.parent.mkdir(parents=True)
-    library.write_text("not a library")
-    found = camera_driver_finding()
-    assert found.state == "fault" and "libVimbaC.so" in found.text
-
-
-def test_no_pymba_is_a_note(monkeypatch):
-    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if "site-packages" not in entry])
-    assert camera_driver_finding().text.startswith("no pymba")
-
-
-def test_the_extra_for_video_names_ffmpeg(monkeypatch):
-    assert re.fullmatch(r"PyAV \d.* with FFmpeg \S+, aiortsp \d.*", doctor_module._video().text)
-    monkeypatch.setattr(doctor_module, "missing_packages", lambda *_: ["av"])
-    assert doctor_module._video().text == "missing: av"
+    found = camera_driver_finding(timeout_s=0.5 if "sleep" in code else 60.0)
+    assert found.state == "fault" and words in found.text, found
 
 
 def test_each_extra_of_the_product_has_a_line(doctor):

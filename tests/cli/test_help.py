@@ -6,9 +6,8 @@ import pytest
 from typer.main import get_command
 
 from tokt.cli.app import app, whole_app
-from tokt.cli.help import _FEW, _HEADINGS, _NAMED, _OTHERS
 from tokt.features.common.errors import ToktError
-from tokt.inference.config import MATCHERS, OPTIONS
+from tokt.inference.config import MATCHERS
 from tokt.inference.outputs.mavlink import _CHOICES
 from tokt.inference.outputs.udp import FORMATS
 from tokt.inference.policy.assembly import STEREO_ALGORITHMS
@@ -46,40 +45,6 @@ def test_every_command_stands_under_a_heading_in_full(run_tokt):
     assert {name.split()[0] for name in COMMANDS} <= {*listed}
 
 
-@pytest.mark.parametrize("group", ["", "labels", "dataset", "models"])
-def test_the_list_of_commands_cuts_no_sentence_off(group, run_tokt):
-    rows = run_tokt(*group.split(), "--help").out.partition("exit.\n")[2]
-    assert rows and "..." not in rows
-
-
-def test_headings_and_values_are_of_parameters_that_there_are():
-    params = [
-        (name.split()[-1], param.name) for name in COMMANDS for param in COMMANDS[name].params
-    ]
-    known = {name for _, name in params} | {f"{command}.{name}" for command, name in params}
-    listed = " ".join(_HEADINGS.values()).split()
-    assert len(listed) == len(set(listed)) and set(listed) <= known
-    assert _NAMED.keys() <= known
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_many_options_stand_under_headings(name, run_tokt):
-    options = options_of(name)
-    helped = run_tokt(*name.split(), "--help").out
-    titles = re.findall(r"^([A-Z][\w ]+):$", helped, re.MULTILINE)
-    assert titles[-1] == _OTHERS
-    if len(options) > _FEW:
-        assert len(set(titles) - {"Arguments", _OTHERS}) >= 1
-        assert len({each.rich_help_panel for each in options.values()}) <= len(options) / 2
-    for title, part in zip(
-        titles, re.split(r"^[A-Z][\w ]+:$", helped, flags=re.M)[1:], strict=True
-    ):
-        mine = {each.rich_help_panel or _OTHERS for each in options.values()} & {title}
-        for each in options.values():
-            if mine and (each.rich_help_panel or _OTHERS) == title:
-                assert re.search(rf"^  .*{each.opts[-1]}\b", part, re.MULTILINE)
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_value_has_a_name_or_its_choices(name, run_tokt):
     for param in COMMANDS[name].params:
@@ -113,10 +78,3 @@ def test_choices_are_those_of_the_code():
         weighted(PRESETS["best"], name)
     with pytest.raises(ToktError, match=", ".join(choices("train", "class_weight"))):
         weighted(PRESETS["best"], "unknown")
-
-
-def test_the_runtimes_defaults_are_choices():
-    for option in OPTIONS.values():
-        values = option.metavar.split("|")
-        if len(values) > 1 and values[0].islower():
-            assert option.default in values
