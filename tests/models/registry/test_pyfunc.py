@@ -35,10 +35,26 @@ from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bund
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.models.registry.registration import NUMBER_TAG
 from tokt.models.registry.registry import BUNDLE_FILE, Registry
-from tokt.training.fitting import tracking
 
 pytestmark = pytest.mark.xdist_group("registry")  # what they share is made once
 TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
+
+
+@pytest.fixture(scope="module")
+def trained_twice(trained, tmp_path_factory):
+    """A workspace with versions 1 and 2 of `tiny-lbp`; not to be changed."""
+    workspace = tmp_path_factory.mktemp("twice") / ".tokt"
+    shutil.copytree(trained, workspace)
+    assert train_again(workspace)["version"] == "2"
+    return workspace
+
+
+@pytest.fixture
+def twice(trained_twice, tmp_path):
+    """A copy of `trained_twice` that a test may change, known to MLflow's own tools."""
+    copy = shutil.copytree(trained_twice, tmp_path / "twice")
+    Registry(copy).experiment_id()
+    return copy
 
 
 @pytest.fixture
@@ -181,22 +197,6 @@ def test_what_cannot_be_read_is_unknown(model, frames, tmp_path, monkeypatch):
     assert said == "none.png: No such file or directory"  # nor where the folder is
 
 
-def test_a_small_file_of_a_huge_picture_is_not_decoded(tiny_bundle):
-    """In a process of its own: OpenCV reads its limit as it is loaded."""
-    code = """
-import sys
-from tokt.mlflow import TextureModel, frames_array
-import cv2, numpy as np
-from tokt.models.bundle.bundle import read_bundle
-file = cv2.imencode(".webp", np.zeros((10001, 10000), np.uint8))[1].tobytes()
-assert len(file) < 100_000
-print(TextureModel(read_bundle(sys.argv[1])).predict(file).health[0])
-"""
-    command = [sys.executable, "-c", code, str(tiny_bundle)]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert "cannot be decoded (pixels <= CV_IO_MAX_IMAGE_PIXELS)" in said
-
-
 def test_what_is_no_frame_is_refused(model):
     for wrong in (
         np.zeros((4, 4)),
@@ -214,8 +214,9 @@ def test_what_is_no_frame_is_refused(model):
             TextureModel(model.get_raw_model()).predict(wrong)
 
 
-def test_frames_of_one_call_are_one_dive(tiny_bundle, frames):
+def test_frames_of_one_call_are_one_dive(model, tiny_bundle, frames):
     """Another call, or `independent`, knows nothing of the frames before."""
+    loaded = model
     point = OperatingPoint(MofNRule(0.0, 1, 2, 3))
     content = replace(read_bundle(tiny_bundle).content, operating_point=point)
     model = TextureModel(bundle_from_bytes(bundle_bytes(content), "remembers"))
@@ -225,14 +226,8 @@ def test_frames_of_one_call_are_one_dive(tiny_bundle, frames):
     for _ in range(2):
         assert_same(records(model.predict(np.stack(frames))), dive)
     assert_same(records(model.predict(np.stack(frames), {"independent": True})), alone)
-
-
-def test_mlflow_passes_the_parameter_on(model, frames, expected):
-    for independent in (True, False):
-        table = model.predict(np.stack(frames), params={"independent": independent})
-        assert_same(records(table), expected)  # one frame decides, by this model's rule
     with pytest.raises(MlflowException, match="Can not safely convert"):
-        model.predict(frames[0], params={"independent": "often"})
+        loaded.predict(frames[0], params={"independent": "often"})
 
 
 # --- as MLflow has it -----------------------------------------------------------------------------
@@ -276,10 +271,9 @@ def test_a_bundle_that_fails_a_check_is_not_loaded(workspace, tmp_path):
         )
 
 
-def test_another_models_bundle_in_its_place(workspace):
+def test_another_models_bundle_in_its_place(twice):
     """Whole by itself: MLflow does not ask the registration, tokt does."""
-    train_again(workspace)
-    registry = Registry(workspace)
+    workspace, registry = twice, Registry(twice)
     found = [ids(registry.find(f"tiny-lbp/{number}"), registry)[1] for number in (1, 2)]
     one, two = (workspace / "mlartifacts" / "models" / each / "artifacts" for each in found)
     shutil.copyfile(two / "data" / BUNDLE_FILE, one / "data" / BUNDLE_FILE)
@@ -327,13 +321,11 @@ def ids(version, registry):
     return version.run_id, registry.recipe(version)["provenance"]["mlflow_model_id"]
 
 
-def test_training_and_comparing_within_a_run_of_the_users(workspace, tmp_path):
+def test_comparing_within_a_run_of_the_users(twice, tmp_path):
     """As in a notebook, where MLflow would refuse a second run that is not said to be nested."""
-    Registry(workspace)
     with mlflow.start_run() as run:
-        assert train_again(workspace)["version"] == "2"
         labels = ("tiny-lbp/1", "tiny-lbp/2")
-        succeeds("compare", *labels, "-o", tmp_path / "c.html", "--workspace", workspace)
+        succeeds("compare", *labels, "-o", tmp_path / "c.html", "--workspace", twice)
         assert mlflow.active_run().info.run_id == run.info.run_id
 
 
@@ -366,26 +358,10 @@ def test_a_number_that_another_training_took(workspace, monkeypatch):
     assert len({(m.key, m.step) for m in logged.metrics}) == len(logged.metrics)
 
 
-def test_a_number_that_others_took_meanwhile_is_not_tried(workspace, monkeypatch):
-    """While the bundle was made: two trainings that each try would spoil each other's for ever."""
-    whole, taken = tracking._log_model, []
-
-    def slow(client, *rest):
-        whole(client, *rest)
-        if len(taken) < 3:
-            taken.append(client.create_model_version("tiny-lbp", "models:/tiny-lbp/1").version)
-
-    monkeypatch.setattr(tracking, "_log_model", slow)
-    monkeypatch.setattr(Registry, "withdraw", lambda *_: 1 / 0)
-    assert train_again(workspace)["version"] == "5" and len(taken) == 3
-
-
-def test_a_number_that_was_deleted_is_not_given_again(workspace):
-    assert train_again(workspace)["version"] == "2"
+def test_a_number_that_was_deleted_is_not_given_again(twice):
     mlflow.MlflowClient().delete_model_version("tiny-lbp", "2")
-    number = int(train_again(workspace)["version"])
-    assert number > 2
-    assert_numbers_fit(workspace)
+    assert int(train_again(twice)["version"]) > 2
+    assert_numbers_fit(twice)
 
 
 def test_killed_before_a_wrong_number_was_withdrawn(workspace, monkeypatch):
@@ -398,8 +374,7 @@ def test_killed_before_a_wrong_number_was_withdrawn(workspace, monkeypatch):
     refuses("has no version 2", Registry(workspace).find, "tiny-lbp/2")
     said = "model tiny-lbp/2: its bundle is of tiny-lbp/7"
     refuses(said, mlflow.pyfunc.load_model, "models:/tiny-lbp/2")
-    assert train_again(workspace)["version"] == "3"
-    assert_numbers_fit(workspace)
+    assert Registry(workspace).next_number("tiny-lbp") == 3
 
 
 # --- served ---------------------------------------------------------------------------------------
@@ -472,6 +447,10 @@ def test_the_server_answers_as_the_runtime_judges(served, frames, expected, tiny
         status, answer = asked(place, {"inputs": wrong})
         assert status == 400 and "tokt: " in answer["message"], answer
         assert "stack_trace" not in answer
+    huge = cv2.imencode(".webp", np.zeros((10_001, 10_000), np.uint8))[1].tobytes()
+    assert len(huge) < 100_000  # and is not decoded
+    _, answer = asked(place, {"inputs": [base64.b64encode(huge).decode()]})
+    assert "cannot be decoded (pixels <= CV_IO_MAX_IMAGE_PIXELS)" in str(answer)
     assert asked(place, {"inputs": texts[:1]})[0] == 200  # and goes on
     page = (ROOT / "docs" / "how-to" / "mlflow.md").read_text("utf-8")
     (shown,) = re.findall(r"```\nmlflow models serve.*?\n(.*?)```", page, re.DOTALL)
@@ -479,27 +458,3 @@ def test_the_server_answers_as_the_runtime_judges(served, frames, expected, tiny
     assert served in command and str(file) in command
     said = subprocess.run(["bash", "-c", command], capture_output=True, check=True).stdout
     assert_same(json.loads(said)["predictions"], expected[:1])
-
-
-# --- the real mission -----------------------------------------------------------------------------
-
-
-@pytest.mark.mission
-def test_246_frames_bit_for_bit(mission_dir, tmp_path, monkeypatch):
-    where = ("--workspace", tmp_path / ".tokt")
-    labelled = ("--mission", mission_dir, "--labels", mission_dir / "labels.csv")
-    succeeds("dataset", "build", "sea", *labelled, *where)
-    succeeds("train", "sea", "--extractor", "lbp", "--preset", "plain", "--name", "sea", *where)
-    succeeds("export", "sea", "-o", tmp_path / "sea.tokt", *where)
-    files = sorted((mission_dir / "Left").iterdir(), key=lambda file: int(file.stem.split("_")[-1]))
-    files = [file for file in files if file.suffix == ".jpg"][:246]
-    assert len(files) == 246
-    wanted = judged_by_the_runtime(read_bundle(tmp_path / "sea.tokt"), map(read_image, files))
-    assert {0, 1} <= {judged.verdict.status for judged in wanted}
-    model = mlflow.pyfunc.load_model("models:/sea/1")
-    assert_same(records(model.predict(frames_array(files))), wanted)
-    monkeypatch.setenv(FOLDER_VARIABLE, str(mission_dir))
-    names = pd.DataFrame({"frame": [str(file) for file in files]})
-    assert_same(records(model.predict(names)), wanted)
-    texts = [base64.b64encode(file.read_bytes()).decode() for file in files]
-    assert_same(records(model.predict(pd.DataFrame({"frame": texts}))), wanted)

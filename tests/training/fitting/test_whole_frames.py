@@ -40,18 +40,10 @@ def bundle(trained, tmp_path_factory):
         ("train", "tiny", "--preset", "water", "--extractor", "lbp_24_8", "--name", "moving"),
         ("export", "moving", "-o", file),
     ):
-        more = TRAIN_TINY if command[0] == "train" else ()
+        more = ("--max-samples", 1000, *TRAIN_TINY) if command[0] == "train" else ()
         ran = call_tokt(*command, *more, "--workspace", workspace)
         assert ran.code == 0, ran.err
     return read_bundle(file)
-
-
-def test_the_bundle_says_where_it_starts_and_what_is_too_far(bundle):
-    point = bundle.operating_point
-    assert point.water.water < 0 < point.water.obstacle and point.unlike > 0
-    assert "boundary" not in point.chosen
-    assert f"farther than {point.unlike:.2f}" in point.chosen["novelty"]
-    assert "moves with the last 5 frames" in bundle.card and "is unknown. So were" in bundle.card
 
 
 def test_a_fold_judges_as_the_runtime_and_an_evaluation_do(bundle, trained, tiny, tmp_path):
@@ -59,7 +51,8 @@ def test_a_fold_judges_as_the_runtime_and_an_evaluation_do(bundle, trained, tiny
     features, whole = described(dataset, dict(bundle.extractor_spec), tmp_path)
     every = np.arange(len(dataset.patches))
     choice = Hyperparameters(bundle.metrics["folds"][0]["penalty"])
-    pipeline = fit_rows(*(features, dataset.targets(), every, choice, settings_named("water")))
+    settings = replace(settings_named("water"), max_samples=1000)
+    pipeline = fit_rows(features, dataset.targets(), every, choice, settings)
     mission, left = open_mission(tiny.path), (dataset.patches.camera == LEFT).to_numpy()
     mine = dataset.patches[left]
     prior, judge = bundle.operating_point.water, partial(decision_values, pipeline)

@@ -12,12 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.calls import refuses
-from tokt.inference.stereo.calibration import StereoCalibration
-from tokt.inference.stereo.matching import Matches
-from tokt.inference.stereo.rectify import Rectifier
 from tokt.training.rig.depth.cloud import FAR_VERTEX, VERTEX, outliers, ply_bytes
 from tokt.training.rig.depth.pair_depths import DepthRow, detected_span, steadiness, summary
-from tokt.training.rig.depth.picture import DepthPicture
 
 pytestmark = pytest.mark.xdist_group("depth")  # what they share is made once
 
@@ -182,19 +178,12 @@ def test_a_cloud_of_another_frame_cut_off_at_a_distance(sea, tmp_path, done, ref
     ("options", "words"),
     [
         (("--out", "file"), "not a folder"),
-        (("--out", "file/out"), "file is not a folder"),
         (("--out", "/proc/out"), "--out: cannot write in /"),
         (("--ply", "file/c.ply"), "file is not a folder; choose another with --ply"),
-        (("--ply-farthest", "3"), "together with --ply"),
         (("--pictures", ""), "not a list of frames"),
-        (("--frames", ""), "not a list of frames"),
         (("--ply", "."), "--ply names a file"),
         (("--ply", "c.ply", "--ply-frame", "5", "--frames", "7-9"), "frames 5 are not among"),
         (("--ply-frame", "5"), "together with --ply"),
-        (("--pictures", "99"), "frames 99 are not among"),
-        (("--frames", "99"), "not 99"),
-        (("--rate", "0"), "rate"),
-        (("--stereo", "magic"), "magic"),
     ],
 )
 def test_what_cannot_be_done_is_refused_before_the_work(
@@ -205,15 +194,6 @@ def test_what_cannot_be_done_is_refused_before_the_work(
     said = refused(words, "depth", sea, "--calibration", sea / "calibration.yml", *options)
     assert said.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
-
-
-def test_people_are_told_why_nothing_could_be_judged(sea, tmp_path, done):
-    (tmp_path / "c.yml").write_text(PLAIN.replace("680", "1360").replace("512", "1024"))
-    command = ("depth", sea, "--pictures", "none", "--out", tmp_path / "out", "--calibration")
-    said = done(*command, tmp_path / "c.yml", "--frames", "4-5").out
-    assert "2 unknown\n  unknown in 2: the left frame is 680x512, the calibration" in said
-    said = done(*command, sea / "calibration.yml", "--frames", "3-5").out
-    assert "median depth: falls to frame 5; beside" in said
 
 
 def test_one_camera_has_no_depth(sea, tmp_path, refused):
@@ -238,11 +218,6 @@ def test_three_in_a_row_make_a_detection():
     specked = summary([*rows_of({1: 5.0}), speck, DepthRow(3, 0, valid_fraction=0.0)])
     assert specked["nearest"] == {"frame": 1, "distance_m": 5.0, "median_m": 5.0}
     assert specked["clear_valid_fraction"] == {"mean": 5e-5, "max": 1e-4, "frames_above_0": "2"}
-    # A clear frame's stray matches are no depth of the obstacle; one frame alone can be nearest.
-    stray = [*rows_of({1: 5.0, 2: 4.0, 3: 3.0}), DepthRow(4, 0, None, 9.0), *rows_of({5: 2.0})]
-    broken = summary([*stray, *rows_of({6: 2.5, 7: 2.6, 9: 1.5})])
-    assert broken["gaps"] == {"count": 1, "frames": "4"} and broken["median_m"]["monotone"]
-    assert broken["nearest"]["frame"] == 9
     none = summary(rows_of({1: None}))
     assert none["first_detection"] is none["nearest"] is none["median_m"] is None
 
@@ -287,23 +262,6 @@ def test_any_cloud_survives_a_ply_file(points, comment):
 
 def test_no_cloud_of_what_is_no_number():
     refuses("not finite", ply_bytes, np.array([[0, 0, np.nan]]), np.zeros((1, 3), np.uint8))
-
-
-def test_the_picture_tells_depth_unmatched_and_blind_apart():
-    camera = np.array([[FOCAL_PX, 0, 339.5], [0, FOCAL_PX, 255.5], [0, 0, 1]])
-    straight = (np.eye(3), np.array([[-300.0], [0], [0]]), (WIDTH, HEIGHT))
-    plain = StereoCalibration(camera, np.zeros(5), camera, np.zeros(5), *straight)
-    rectifier = Rectifier(plain)
-    shape = rectifier.size[::-1]
-    disparity = np.full(shape, rectifier.focal_baseline_px_m / 2, np.float32)
-    disparity[:, 200:] = rectifier.focal_baseline_px_m / 6
-    valid, searched = np.zeros((2, *shape), bool)
-    valid[100:, 150:], searched[:, 50:] = True, True
-    shown = DepthPicture(rectifier, 1.0, 10.0).depth_rgb(Matches(disparity, valid, valid, searched))
-    near, far = shown[400, 350].astype(int), shown[400, 600].astype(int)
-    assert near[0] > near[2] + 60 and far[2] > far[0] + 60  # red is near, blue is far
-    assert shown[100, 300].max() < 40 and len(np.unique(shown[100, 120:290], axis=0)) == 1
-    assert len(np.unique(shown[100, :95], axis=0)) == 2  # stripes
 
 
 @pytest.mark.mission

@@ -15,13 +15,7 @@ from tokt.training.rig.calibrate.parameter_uncertainty import (
     NOT_FIXED,
     parameter_uncertainty,
 )
-from tokt.training.rig.calibrate.rig_fit import (
-    PRIORS,
-    epipolar_px,
-    fit_epipolar,
-    fit_rig,
-    triangulate,
-)
+from tokt.training.rig.calibrate.rig_fit import PRIORS, fit_rig, triangulate
 from tokt.training.rig.calibrate.rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL, Rig
 from tokt.training.rig.calibrate.vertical_error import (
     GOOD,
@@ -132,23 +126,10 @@ def test_the_zero_of_disparity_is_found(fit, dive):
         assert ratio == pytest.approx(1, abs=0.01), f"at {np.median(depths):.1f} m"
 
 
-def test_rows_alone_do_not_fix_the_yaw(dive):
-    """Why points are followed: other yaws have rows that agree nearly as well."""
-    tracks = build_tracks(dive.matches)
-    names = [name for name in POSE if name != "rotation_y"]
-    medians = []
-    for yaw in (-0.02, 0.0):
-        start = dive.rig.moved(["rotation_y"], np.array([yaw]))
-        rig = fit_epipolar(start, tracks, names)
-        medians.append(np.median(np.abs(epipolar_px(rig, tracks.left, tracks.right))))
-    assert medians[1] < medians[0] + 0.25  # 0.02 rad are 22 px of disparity
-
-
-@pytest.mark.parametrize(("yaw", "free"), [(0.06, DISTORTION), (-0.05, ())])
-def test_a_large_yaw_is_found(yaw, free):
+def test_a_large_yaw_is_found():
     """Three degrees are 60 px of disparity; found even where the lens is taken for straight."""
-    found = fit_rig(draw_dive(rotation_y=yaw).matches[::2], Rig.plain(1111.0, 305.5, SIZE), free)
-    assert found.rig.values["rotation_y"] == pytest.approx(yaw, abs=2e-3)
+    found = fit_rig(draw_dive(rotation_y=-0.05).matches[::2], Rig.plain(1111.0, 305.5, SIZE), ())
+    assert found.rig.values["rotation_y"] == pytest.approx(-0.05, abs=2e-3)
 
 
 def test_wrong_matches_are_dropped(fit):
@@ -164,19 +145,6 @@ def test_says_what_the_data_cannot_fix(sure):
     shorter = sure.focal[1]
     assert shorter.depth_scale == pytest.approx(0.95, abs=0.02)
     assert shorter.vertical_median_px < sure.focal[0].vertical_median_px + 0.1
-
-
-def test_a_view_of_little_depth_fixes_less(sure, dive):
-    """The first five frames alone, seven to five metres off, and the middle of their pictures."""
-    middle = np.array(SIZE) / 2
-    few = [of_points(one, np.abs(one.left - middle).max(axis=1) < 130) for one in dive.matches[:5]]
-    less = parameter_uncertainty(fit_rig(few, dive.plain, DISTORTION), few)
-    before, after = ({one.name: one for one in it.parameters} for it in (sure, less))
-    for name in ("rotation_y", "k1", "k2"):
-        assert after[name].sigma > 2 * before[name].sigma, name
-    for name in (*FOCAL, *PRINCIPAL):
-        assert after[name].verdict != FIXED
-    assert less.loose and any("focal" in direction["changes"] for direction in less.loose)
 
 
 def test_sigma_is_the_size_of_the_error(sure):

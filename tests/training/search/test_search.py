@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,10 +20,8 @@ from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import build_extractor, extractor_named
 from tokt.models.registry.registry import Registry
-from tokt.training.datasets.dataset import open_dataset
-from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import Hyperparameters, extractor_for, settings_named
-from tokt.training.search.mlflow_runs import SEARCH_TAG, TRIAL_TAG, SearchRuns
+from tokt.training.search.mlflow_runs import SEARCH_TAG, TRIAL_TAG
 from tokt.training.search.score import (
     MAX_GIVEN_UP,
     BlockConfusion,
@@ -36,7 +33,6 @@ from tokt.training.search.score import (
 from tokt.training.search.search import Budget, budget_from
 from tokt.training.search.space import BUILT_IN, Trial, read_space
 from tokt.training.search.state import opened_state, read_finished
-from tokt.training.search.trial import TrialTask, run_task
 
 pytestmark = pytest.mark.xdist_group("search")  # what they share is made once
 
@@ -93,26 +89,18 @@ def test_the_built_in_space_has_preset_best_in_it():
     ("before", "after", "said"),
     [
         ("format = 1", "format = 2", "format = 1"),
-        ("format = 1", "format = ", "not a TOML file"),
         ("penalties = [1.0]", "penalties = []", "penalties is a list"),
-        ("penalties = [1.0]", "penalties = [true]", "penalties: a number above 0"),
         ("penalties = [1.0]", "penalties = [nan]", "penalties: a number above 0"),
-        ("penalties = [1.0]", f"penalties = [{10**400}]", "penalties: a number above 0"),
         ("penalties = [1.0]", "penalties = " + "[" * 3000, "not a TOML file"),
         ("penalties = [1.0]", "", "missing: penalties"),
         ('["none"]', '["heavy"]', "class_weights is a list"),
         ("[extractors]", "[extractor]", "extractor"),
         ('coarse = "lbp"', 'coarse = "lpb"', "extractor coarse: unknown extractor 'lpb'"),
-        ('coarse = "lbp"', "coarse = 3", "extractor coarse"),
         ("spec:dead.json", "spec:none.json", "none.json"),
         ('coarse = "lbp"', 'coarse = "lbp"\nagain = "lbp_10_5"', "are the same"),
         ("points = 4", "points = 3", "extractor fine: lbp: 3 points"),
         ("[extractors]", 'changes = ["gain"]\n[extractors]', "no picture change 'gain'"),
-        ("[extractors]", "changes = 3\n[extractors]", "changes is a list"),
-        ("[extractors]", "change_weight = 0\n[extractors]", "change_weight: a number above 0"),
-        ("[extractors]", "gamma = 0\n[extractors]", "gamma: a number above 0"),
         ("[extractors]", "landmarks = -1\n[extractors]", "landmarks: a whole number"),
-        ("[extractors]", "landmarks = 1e9\n[extractors]", "landmarks: a whole number"),
     ],
 )
 def test_a_wrong_space_is_one_line(tmp_path, before, after, said):
@@ -123,17 +111,11 @@ def test_a_wrong_space_is_one_line(tmp_path, before, after, said):
     assert said in refuses(r"space\.toml", read_space, path)
 
 
-@pytest.mark.parametrize(
-    ("text", "budget"),
-    [("30m", Budget(1800.0)), ("2h", Budget(7200.0)), ("12", Budget(None, 12)), (None, Budget())],
-)
-def test_budgets(text, budget):
-    assert budget_from(text) == budget
-
-
-@pytest.mark.parametrize("text", ["", "0", "-3", "1.5h", "ten", "10d", "٣m"])
-def test_wrong_budgets(text):
-    refuses("budget", budget_from, text)
+def test_budgets():
+    asked = {"30m": Budget(1800.0), "2h": Budget(7200.0), "12": Budget(None, 12), None: Budget()}
+    assert {text: budget_from(text) for text in asked} == asked
+    for text in ("", "0", "1.5h", "10d", "٣m"):
+        refuses("budget", budget_from, text)
 
 
 # --- the score and the rule ----------------------------------------------------------------------
@@ -178,6 +160,8 @@ def test_the_simplest_within_one_standard_error_wins():
     assert [rank.trial.name for rank in ranks] == ["poor", "middle", "rich"]
     assert [rank.within for rank in ranks] == [False, True, True]
     assert winner(ranks).trial.name == "middle"
+    one, other = trial("a", 5), trial("b", 5)  # the order does not matter
+    assert winner(ranked({other: BEST, one: BEST})).trial == one
 
 
 def test_a_shortfall_that_is_the_same_in_every_block_is_no_noise():
@@ -197,12 +181,6 @@ def test_a_large_standard_error_buys_no_large_shortfall():
     ranks = ranked({trial("simple", 5): simple, trial("rich", 50): rich})
     assert MAX_GIVEN_UP < ranks[0].shortfall < ranks[0].shortfall_error
     assert winner(ranks).trial.name == "rich"
-
-
-def test_of_equal_trials_the_simpler_wins_whatever_the_order():
-    one, other = trial("a", 5), trial("b", 5)
-    assert winner(ranked({other: BEST, one: BEST})).trial == one
-    assert winner(ranked({one: BEST, other: BEST})).trial == one
 
 
 def test_the_standard_error_is_that_of_whole_blocks():
@@ -266,10 +244,8 @@ def test_a_trial_of_format_1_is_read(tmp_path):
     [
         ('"format": 1', '"format": 2', "newer than this tokt reads"),
         ("{", "", "damaged"),
-        ('"folds": [0, 1]', '"folds": [0]', "damaged"),
         ('"blocks": [0, 2]', '"blocks": [0, 3]', "damaged"),
         ("[[5, 1], [2, 2]]", "[[5, 1], [2, -2]]", "damaged"),
-        ("[[5, 1], [2, 2]]", "[5, 1]", "damaged"),
         ('"seconds": 1.5,', "", "damaged"),
     ],
 )
@@ -310,17 +286,16 @@ def test_state_of_a_newer_tokt_is_one_line(tmp_path):
 # --- a whole search ------------------------------------------------------------------------------
 
 
-def begin_like(trained, workspace):
-    """The tiny dataset and a registry's tables, which take seconds to make anew."""
-    shutil.copytree(trained / "datasets", workspace / "datasets")
-    shutil.copy(trained / "mlflow.db", workspace / "mlflow.db")
+def begin_with_tiny(begun, trained, workspace):
+    """A new workspace with the tiny dataset."""
+    shutil.copytree(trained / "datasets", begun(workspace) / "datasets")
 
 
 @pytest.fixture(scope="module")
-def searched(trained, tmp_path_factory, done, told, space_file):
+def searched(begun, trained, tmp_path_factory, done, told, space_file):
     """A search of the tiny mission in two runs, stopped by its budget in between."""
     workspace = tmp_path_factory.mktemp("searched") / ".tokt"
-    begin_like(trained, workspace)
+    begin_with_tiny(begun, trained, workspace)
     command = ("search", "tiny", "--space", space_file, *SPLIT, "--workspace", workspace)
     first = done(*command, "--budget", 1)
     return workspace, command, first, told(*command, "--nested")
@@ -331,28 +306,14 @@ def search_runs(workspace):
     return list(registry.client.search_runs([registry.experiment_id()]))
 
 
-def test_a_budget_stops_and_says_how_to_go_on(searched):
+def test_a_budget_stops_and_an_extractor_that_cannot_be_tried_stops_no_other(searched):
+    """One that sees every picture as the same gray has nothing to learn from."""
     _, _, first, result = searched
     assert "1 of 4 tried; the same command tries the rest" in first.out
     assert "trials: 1/1" in first.err
     assert (result["tried"], result["trials"]) == (3, 4)
-
-
-def test_an_extractor_that_cannot_be_tried_stops_no_other(searched):
-    """One that sees every picture as the same gray has nothing to learn from."""
-    _, _, _, result = searched
     assert set(result["faults"]) == {"dead"}
     assert {rank["extractor"] for rank in result["ranks"]} == {"fine", "coarse", "both"}
-
-
-def test_a_space_of_nothing_to_learn_from_is_one_line(searched, refused, tmp_path):
-    workspace, _, _, result = searched
-    spoiled = tmp_path / "space.toml"
-    spoiled.write_text(SPACE.partition("fine = ")[0] + 'dead = "spec:dead.json"\n', "utf-8")
-    (tmp_path / "dead.json").write_text(json.dumps(DEAD), "utf-8")
-    command = ("search", "tiny", "--space", spoiled, *SPLIT, "--workspace", workspace)
-    said = refused("no extractor of the space can be tried", *command)
-    assert result["faults"]["dead"] in said
 
 
 def test_the_winner_is_registered_with_where_it_comes_from(searched):
@@ -383,16 +344,6 @@ def test_the_rule_is_written_down_before_a_trial_is_run(searched):
     assert header.stat().st_mtime_ns <= min(path.stat().st_mtime_ns for path in trials)
 
 
-def test_the_parent_shows_what_was_reported_last(workspace):
-    """A search that goes on may come to a simpler winner of a lower score."""
-    runs = SearchRuns(Registry(workspace), "sea.1", "search sea", {})
-    with runs.running():
-        for score in (0.9, 0.8):
-            runs.report({"winner_score": score}, {})
-            time.sleep(0.002)
-    assert Registry(workspace).client.get_run(runs.parent_id).data.metrics == {"winner_score": 0.8}
-
-
 def test_runs_are_parent_and_children_once(searched, told):
     workspace, command, _, result = searched
     before = search_runs(workspace)
@@ -413,29 +364,6 @@ def test_runs_are_parent_and_children_once(searched, told):
     assert {run.info.run_id for run in children} < {run.info.run_id for run in below}
     assert result["run_id"] in {run.info.run_id for run in below}
     assert {run.info.status for run in mine} == {"FINISHED"}
-
-
-def test_a_cluster_that_is_not_there_is_one_line_and_loses_nothing(searched, refused):
-    """What is finished needs no cluster; the one trial left does."""
-    why = "dask scheduler 127.0.0.1:1 cannot be reached"
-    refused(why, *searched[1], "--dask", "127.0.0.1:1")
-
-
-@pytest.mark.parametrize("wrong", [("--budget", "soon"), ("--jobs", 0), ("--space", "none.toml")])
-def test_wrong_options_are_one_line(searched, refused, wrong):
-    assert len(refused("", *searched[1], *wrong).splitlines()) == 1
-
-
-def test_a_trial_learns_from_changed_frames_where_the_space_says_so(searched, space_file, tmp_path):
-    """Frames under heavy noise, learnt from too, spoil what is said of clean ones."""
-    workspace, _, _, _ = searched
-    space, dataset = read_space(space_file), open_dataset("tiny", workspace / "datasets")
-    settings = replace(space.settings, changes=("noise_64",))
-    files = (dataset.path, workspace / "cache", tmp_path / "trial.json")
-    asked = TrialTask(space.trials[0], *files, settings, Split(3, 1))
-    outcome = run_task(asked)
-    kept = read_finished(next(Path(workspace).glob(f"searches/*/trials/{space.trials[0].id}.json")))
-    assert outcome.finished.tally.score < kept.tally.score - 0.05
 
 
 # --- killed --------------------------------------------------------------------------------------
@@ -471,7 +399,7 @@ for awaited in ("*/trials/[!.]*.json", "*/winner.json", None):
 def finished_trials(folder):
     """What is kept of each trial, but how long it took."""
     found = {}
-    for path in sorted(folder.glob("*/[!.]*.json")):
+    for path in sorted(folder.glob("trials/[!.]*.json")):
         found[str(path.relative_to(folder))] = json.loads(path.read_text("utf-8"))
         found[str(path.relative_to(folder))].pop("seconds")
     return found
@@ -484,21 +412,21 @@ def model_bytes(workspace, result):
 
 @pytest.mark.process
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_killed_twice_it_ends_the_same(searched, trained, tmp_path, preload):
+def test_killed_twice_it_ends_the_same(searched, begun, trained, tmp_path, preload):
     """SIGKILL after the first trial, and before the winner is trained."""
     workspace, command, _, expected = searched
     other = tmp_path / ".tokt"
-    begin_like(trained, other)
+    begin_with_tiny(begun, trained, other)
     words = [str(word).replace(str(workspace), str(other)) for word in command]
     with (tmp_path / "out").open("w+") as out, (tmp_path / "err").open("w+") as err:
         host = [sys.executable, "-c", preload + HOST, str(other / "searches"), *words]
-        host += ["--nested", "--json"]
+        host += ["--json"]
         subprocess.run(host, stdout=out, stderr=err, timeout=200, check=False)
         said, result = (tmp_path / "err").read_text(), (tmp_path / "out").read_text()
     ended = [line.split()[1] for line in said.splitlines() if line.startswith("ended ")]
     assert ended == ["-9", "-9", "0"], said
     result = json.loads(result)
-    for same in ("search", "winner", "ranks", "nested", "selection", "faults"):
+    for same in ("search", "winner", "ranks", "faults"):
         assert result[same] == expected[same]
     assert finished_trials(Path(result["folder"])) == finished_trials(Path(expected["folder"]))
     assert not list(other.rglob(".partial-*.json"))
