@@ -16,8 +16,6 @@ import pytest
 
 from tests.calls import succeeds
 from tests.fixtures import taxonomy_toml, write_labels
-from tokt.labels.formats.label_csv import read_label_csv
-from tokt.labels.taxonomy import load_taxonomy
 
 pytestmark = pytest.mark.xdist_group("own_class")  # what they share is made once
 
@@ -126,30 +124,3 @@ def test_the_taxonomy_given_at_deployment_says_what_is_an_obstacle(chain, receiv
     found = statuses(chain, receiver, store)
     assert found[WATER][0] == 0 and found[PIPELINE][0] >= 8
     assert found[KELP][0] <= 1
-
-
-def test_the_audit_suggests_an_own_class(chain, tmp_path):
-    labels = (chain.folder / "learnt" / "labels.csv").read_text("utf-8")
-    wrong = f"learnt,left,7,2,1,{label(7, 2, 1)}\n"
-    assert wrong.endswith("pipeline\n") and wrong in labels
-    (tmp_path / "wrong.csv").write_text(labels.replace(wrong, wrong.replace(PIPELINE, KELP)))
-    chain.tokt(
-        *("dataset", "build", "spoilt", "--task", "classes", *BLOCK),
-        *("--mission", chain.folder / "learnt", "--labels", tmp_path / "wrong.csv"),
-    )
-    out = tmp_path / "audit.csv"
-    worst, *_ = chain.tokt("labels", "audit", "spoilt", "--folds", 3, "-o", out)["patches"]
-    found = [worst[key] for key in ("frame", "row", "col", "label", "suggested")]
-    assert found == [7, 2, 1, KELP, PIPELINE]
-    # A patch of a 4x4 grid is imported as one, with nothing said of the grid.
-    record, *_ = read_label_csv(out, load_taxonomy(chain.workspace))
-    assert (str(record.grid), record.frame, record.row, record.col) == (GRID, 7, 2, 1)
-
-
-def test_without_the_taxonomy_file_it_is_said_how_to_add_the_class(chain, run_tokt, tmp_path):
-    command = ("labels", "import", chain.other / "labels.csv", "--grid", GRID)
-    ran = run_tokt(*command, "--workspace", tmp_path / "new")
-    assert (ran.code, ran.out) == (2, "")
-    (line,) = ran.err.splitlines()
-    assert "unknown class 'water'" in line
-    assert "[[classes]]" in line and "taxonomy.toml" in line

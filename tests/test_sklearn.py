@@ -22,7 +22,7 @@ from sklearn.utils.validation import validate_data
 
 import tokt.sklearn
 from tests.calls import refuses, succeeds
-from tests.fixtures import TINY_FRAMES, draw_tiny_frame, tiny_labels, write_labels
+from tests.fixtures import draw_tiny_frame, tiny_labels, write_labels
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import extractor_named, gray_picture
 from tokt.features.frames.grid import Grid
@@ -46,25 +46,25 @@ from tokt.training.fitting.train import TrainRequest, fit_and_measure
 EXTRACTORS = {
     "lbp": LBP(),
     "lbp_24_8_frame": LBP(points=24, radius=8, border="frame"),
-    "haralick": Haralick(),
     "haralick_log": Haralick(log=True),
     "water": WaterFeatures(),
-    "water_gray": WaterFeatures(colour=False),
     "haralick+lbp_24_8": PatchFeatures("haralick+lbp_24_8"),
     "lbp_flat_8_5": PatchFeatures(extractor_named("lbp_flat_8_5").spec),
 }
 MIN_CHECKS = 45
+FRAMES = 28
 
 
 def write_dive(folder, seed):
     """Write the frames of the tiny mission in colour, with noise of a dive's own."""
     rng = np.random.default_rng(seed)
     (folder / "Left").mkdir(parents=True)
-    for frame in range(1, TINY_FRAMES + 1):
+    for frame in range(1, FRAMES + 1):
         colour = draw_tiny_frame(frame)[..., None] * (1.2, 1.0, 0.6)  # blue, green, red of water
         noisy = (colour + rng.normal(0, 1, colour.shape)).clip(0, 255).astype(np.uint8)
         cv2.imwrite(str(folder / "Left" / f"{folder.name}_L_{frame}.png"), noisy)
-    write_labels(folder / "labels.csv", tiny_labels(folder.name))
+    rows = [row for row in tiny_labels(folder.name) if row[2] <= FRAMES]
+    write_labels(folder / "labels.csv", rows)
 
 
 @pytest.fixture(scope="module")
@@ -101,15 +101,10 @@ def test_rows_are_those_of_describe_bit_for_bit(name, grid, frames):
     extractor, X = extractor_named(name), patches_of(frames, grid)
     rows = np.vstack([extractor.describe(frame, Grid.parse(grid)) for frame in frames])
     assert same_bits(EXTRACTORS[name].fit_transform(X), rows)
+    assert EXTRACTORS[name].extractor().spec == extractor.spec
+    assert EXTRACTORS[name].get_feature_names_out().tolist() == list(extractor.names)
     order = np.random.default_rng(0).permutation(len(X))[:50].repeat(2)
     assert same_bits(EXTRACTORS[name].transform(X[order]), rows[order])
-
-
-@pytest.mark.parametrize("name", EXTRACTORS)
-def test_an_estimator_is_the_extractor_of_that_name(name):
-    extractor, estimator = extractor_named(name), EXTRACTORS[name]
-    assert estimator.extractor().spec == extractor.spec
-    assert estimator.get_feature_names_out().tolist() == list(extractor.names)
 
 
 def test_a_ready_cut_patch_has_the_same_row_where_only_the_patch_is_looked_at(frames):
@@ -122,26 +117,14 @@ def test_a_ready_cut_patch_has_the_same_row_where_only_the_patch_is_looked_at(fr
         assert not np.array_equal(wider.transform(cut), wider.transform(X))
 
 
-def test_ready_cut_patches_may_be_of_any_size_and_in_colour():
-    rng = np.random.default_rng(0)
-    sizes = [(27, 36), (64, 64, 3), (3, 3)]
-    cut = [rng.integers(0, 256, size, np.uint8) for size in sizes]
-    rows = [extractor_named("lbp").describe(patch, Grid(1, 1, None)) for patch in cut]
-    assert same_bits(LBP().transform(cut), np.vstack(rows))
-    assert same_bits(LBP().transform(cut[1][None]), rows[1])
-
-
 @pytest.mark.parametrize(
     ("X", "words"),
     [
         (np.zeros((5, 972), np.uint8), r"ndarray \(5, 972\).*Patches, or images.*X.reshape"),
-        (pd.DataFrame({"a": [1]}), r"X is DataFrame \(1, 1\)"),
         (None, "X is NoneType"),
         (np.zeros((5, 27, 36)), "images of uint8, gray or BGR: .*float64"),
         ([np.zeros((27, 36, 2), np.uint8)], r"not \(27, 36, 2\)"),
-        ([np.zeros((2, 9), np.uint8)], "the least is 3x3"),
         ([], "0 sample"),
-        (np.zeros((0, 27, 36), np.uint8), "0 sample"),
     ],
 )
 def test_what_is_no_patches_is_refused_in_one_line(X, words):
@@ -212,41 +195,6 @@ def test_folds_and_decision_values_are_those_of_tokt_train(dataset, workspace, t
     assert same_bits(values, held_out.values[:, 0])
 
 
-def test_the_embargo_keeps_neighbour_frames_out_of_training(one):
-    for train_rows, test_rows in DiveSplit(4, embargo_frames=3).split(one.data, one.target):
-        frame = one.groups.frame.to_numpy()
-        apart = np.abs(frame[train_rows][:, None] - np.unique(frame[test_rows]))
-        assert apart.min() == 4
-
-
-def test_dives_of_a_site_are_held_out_together():
-    mission = np.repeat(["a", "b", "c", "d"], 20)
-    frame = np.tile(np.arange(20), 4)
-    table = pd.DataFrame({"mission": mission, "frame": frame, "group": mission, "site": ""})
-    y = frame % 2
-    assert DiveSplit().get_n_splits(y, y, table) == 4
-    table["site"] = np.where(np.isin(mission, ["a", "b"]), "fjord", "basin")
-    held_out = [set(mission[test]) for _, test in DiveSplit().split(y, y, table)]
-    assert held_out == [{"c", "d"}, {"a", "b"}]
-    alone = table[table.mission == "a"].assign(group=[str(n) for n in range(20)])
-    refuses("two dives with every class", DiveSplit(by="dive").get_n_splits, y, y[:20], alone)
-    assert DiveSplit(embargo_frames=0, by="block").get_n_splits(y, y[:20], alone) == 5
-
-
-def test_ready_cut_patches_of_a_dataset_have_no_neighbour_frames(tmp_path):
-    rng = np.random.default_rng(0)
-    for label, spread in (("ocean", 2), ("reef", 14)):
-        (tmp_path / "cut" / label).mkdir(parents=True)
-        for number in range(20):
-            patch = rng.normal(60, spread, (27, 36)).clip(0, 255).astype(np.uint8)
-            cv2.imwrite(str(tmp_path / "cut" / label / f"{number}.png"), patch)
-    succeeds("dataset", "build", "cut", "--patches", tmp_path / "cut", "--workspace", tmp_path)
-    X, y = load_dataset("cut", tmp_path, return_X_y=True)
-    assert LBP().fit_transform(X).shape == (40, 12)
-    for train_rows, test_rows in DiveSplit(4).split(X, y):
-        assert len(train_rows) + len(test_rows) == 40
-
-
 def test_groups_and_labels_that_are_missing_are_named(one):
     table, y = LBP().transform(one.data[:10]), one.target[:10]
     groups = one.groups[:10].drop(columns="group")
@@ -257,26 +205,25 @@ def test_groups_and_labels_that_are_missing_are_named(one):
         refuses("n_splits from 2", DiveSplit(**wrong).get_n_splits, one.data, one.target)
 
 
-def test_a_grid_search_over_extractors_by_dive_on_two_processes(workspace, tmp_path):
+def test_a_grid_search_over_extractors_by_dive(workspace, tmp_path):
     X, y = load_dataset("two", workspace, return_X_y=True)
-    X, y = X[::3], y[::3]
+    X, y = X[::6], y[::6]
     model = Pipeline(
         [("features", LBP()), ("scaler", StandardScaler()), ("svc", LinearSVC(dual=False))],
         memory=str(tmp_path),
     )
-    grid = {"features": [LBP(border="frame"), Haralick()], "svc__C": [0.1, 1.0]}
+    grid = {"features": [LBP(border="frame")], "svc__C": [0.1, 1.0]}
     finer = {"features": [LBP()], "features__radius": np.arange(1, 3)}
-    search = GridSearchCV(model, [grid, finer], cv=DiveSplit(), scoring="f1", n_jobs=2)
+    search = GridSearchCV(model, [grid, finer], cv=DiveSplit(), scoring="f1")
     search.fit(X, y)
-    assert search.n_splits_ == 2 and len(search.cv_results_["params"]) == 6
+    assert search.n_splits_ == 2 and len(search.cv_results_["params"]) == 4
     assert search.best_score_ > 0.6
-    held_out = np.unique(X.groups.mission)
     best = clone(search.best_estimator_)
-    for number, (train_rows, test_rows) in enumerate(DiveSplit().split(X, y)):
-        assert set(X.groups.mission.iloc[test_rows]) == {held_out[number]}
-        predicted = best.fit(X[train_rows], y[train_rows]).predict(X[test_rows])
-        score = search.cv_results_[f"split{number}_test_score"][search.best_index_]
-        assert f1_score(y[test_rows], predicted) == pytest.approx(score)
+    train_rows, test_rows = next(DiveSplit().split(X, y))
+    assert set(X.groups.mission.iloc[test_rows]) == {"east"}
+    predicted = best.fit(X[train_rows], y[train_rows]).predict(X[test_rows])
+    score = search.cv_results_["split0_test_score"][search.best_index_]
+    assert f1_score(y[test_rows], predicted) == pytest.approx(score)
 
 
 def test_features_once_computed_are_searched_with_the_groups_beside(one):
@@ -336,10 +283,6 @@ class LBPTable(BehindTable, LBP):
     pass
 
 
-class HaralickTable(BehindTable, Haralick):
-    pass
-
-
 class WaterFeaturesTable(BehindTable, WaterFeatures):
     pass
 
@@ -348,7 +291,7 @@ class PatchFeaturesTable(BehindTable, PatchFeatures):
     pass
 
 
-TABLES = (LBPTable(), HaralickTable(), WaterFeaturesTable(), PatchFeaturesTable("haralick+lbp"))
+TABLES = (LBPTable(), WaterFeaturesTable(), PatchFeaturesTable("haralick+lbp"))
 
 
 @pytest.mark.parametrize("estimator", TABLES, ids=lambda estimator: type(estimator).__name__)
@@ -359,10 +302,9 @@ def test_scikit_learns_own_checks(estimator):
     assert sum(one["status"] == "passed" for one in found) >= MIN_CHECKS
 
 
-@pytest.mark.parametrize("estimator", EXTRACTORS.values(), ids=EXTRACTORS)
-def test_scikit_learn_passes_over_what_takes_no_table(estimator):
+def test_scikit_learn_passes_over_what_takes_no_table():
     with pytest.warns(SkipTestWarning, match="two_d_array=False, three_d_array=True"):
-        found = check_estimator(estimator)
+        found = check_estimator(LBP())
     assert [one["status"] for one in found] == ["passed"]
 
 
