@@ -1,12 +1,16 @@
 """What tests of training ask of the command line: that it ends well, or refuses in one line."""
 
 import json
+import shutil
+from itertools import product
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 from tests import calls
+from tests.fixtures import draw_tiny_frame, tiny_label, write_labels
 
 
 @pytest.fixture(scope="session")
@@ -28,6 +32,35 @@ def refused():
 
 
 @pytest.fixture(scope="session")
+def begun(trained):
+    """Make a workspace whose registry has its tables, which take seconds to make anew."""
+
+    def begin(workspace):
+        workspace.mkdir(parents=True)
+        shutil.copy(trained / "mlflow.db", workspace)
+        return workspace
+
+    return begin
+
+
+@pytest.fixture(scope="session")
+def tiny_dive():
+    """Draw frames as the tiny mission's, in other light, as a dive of its own; its label file."""
+
+    def draw(folder, frames, gain=1.0, labelled=None):
+        (folder / "Left").mkdir(parents=True)
+        for frame in frames:
+            image = draw_tiny_frame(frame)
+            lit = cv2.convertScaleAbs(image, alpha=gain, beta=9 * (gain - 1))
+            cv2.imwrite(str(folder / "Left" / f"{folder.name}_L_{frame}.png"), lit)
+        patches = product(labelled or frames, range(10), range(10))
+        rows = [[folder.name, "left", *patch, tiny_label(*patch)] for patch in patches]
+        return write_labels(folder / "labels.csv", rows)
+
+    return draw
+
+
+@pytest.fixture(scope="session")
 def cut_patches():
     """Fill a folder with ready-cut patches: of ocean, reef and unsure as many each."""
 
@@ -42,3 +75,14 @@ def cut_patches():
         return folder
 
     return fill
+
+
+@pytest.fixture(scope="session")
+def cut(begun, cut_patches, done, tmp_path_factory):
+    """A workspace with dataset `cut` and its model `cut-lbp`, and what people were told of both."""
+    folder = tmp_path_factory.mktemp("cut")
+    patches, workspace = cut_patches(folder / "patches", 1, 20), begun(folder / ".tokt")
+    where = ("--workspace", workspace)
+    built = done("dataset", "build", "cut", "--patches", patches, *where).out
+    trained = done("train", "cut", "--extractor", "lbp", "--preset", "plain", *where).out
+    return SimpleNamespace(workspace=workspace, patches=patches, built=built, trained=trained)

@@ -3,12 +3,9 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.io import savemat
 
 from tests.calls import refuses
-from tests.tiers import scaled
 from tokt.inference.stereo.calibration import check_calibration
 from tokt.training.calibration.any_form import read_calibration_file
 from tokt.training.calibration.matlab_file import matlab_numbers, read_matlab_numbers
@@ -90,13 +87,10 @@ def without(name, side=None):
     ("content", "message"),
     [
         ({"x": 1.0}, "neither fc_left nor"),
-        ({"fc_left": np.ones(2)}, "has no cc_left"),
         ({**bouguet(), "fc_left": np.ones(3)}, "fc_left must hold 2 numbers"),
         ({**bouguet(), "kc_left": np.ones(3)}, "k1 k2 p1 p2 k3"),
         ({**bouguet(), "T": [np.nan, 0, 0]}, "T holds a number that is not finite"),
-        ({**bouguet(), "cc_left": "middle"}, "cc_left is not a list of numbers"),
         (without("RotationOfCamera2"), "no RotationOfCamera2"),
-        (without("RadialDistortion", "CameraParameters2"), "RadialDistortion must hold"),
         (without("IntrinsicMatrix", "CameraParameters1"), "no 3x3 IntrinsicMatrix"),
     ],
 )
@@ -124,16 +118,6 @@ def test_an_unknown_unit_is_odd(tmp_path):
 def test_other_versions_are_refused(tmp_path, start, message):
     (tmp_path / "c.mat").write_bytes(start + bytes(600 if start else 0))
     refuses(message, matlab_numbers, tmp_path / "c.mat")
-
-
-@given(st.floats(0, 1), st.booleans())
-@settings(max_examples=scaled(20))
-def test_truncated_files_are_refused(tmp_path_factory, part, compressed):
-    path = tmp_path_factory.getbasetemp() / "truncated.mat"
-    savemat(path, {"s": stereo_params()}, do_compression=compressed)
-    content = path.read_bytes()
-    path.write_bytes(content[: int(part * (len(content) - 1))])
-    refuses("", matlab_numbers, path)
 
 
 def test_a_file_that_scipy_crashes_on_is_damaged(tmp_path):

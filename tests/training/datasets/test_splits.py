@@ -1,7 +1,5 @@
 """No split may leak: whole groups, a gap on both sides, every row tested once."""
 
-import inspect
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,7 +9,6 @@ from hypothesis import strategies as st
 from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
-from tokt.training.datasets import splits
 from tokt.training.datasets.splits import (
     block_of,
     blocked_folds,
@@ -137,46 +134,6 @@ def regular(frames, block, period=2):
     return table, (frame // block % period == 0).astype(np.int64)
 
 
-def test_a_usual_layout_is_split_and_loses_only_neighbours():
-    table, targets = regular(200, 10)
-    folds = blocked_folds(table, targets, 5, 5)
-    assert all(len(fold.test) == 40 for fold in folds)
-    # Each held-out block of 10 costs at most 5 frames on each side.
-    assert all(len(fold.train) >= 200 - 40 - 4 * 10 for fold in folds)
-
-
-def test_without_embargo_nothing_is_dropped():
-    table, targets = regular(200, 10)
-    assert all(len(f.train) + len(f.test) == 200 for f in blocked_folds(table, targets, 5, 0))
-
-
-def test_both_cameras_of_a_frame_are_in_one_group():
-    table, targets = regular(80, 8)
-    both = pd.concat([table, table], ignore_index=True)
-    for fold in blocked_folds(both, np.tile(targets, 2), 4, 0):
-        assert not set(both.frame[fold.train]) & set(both.frame[fold.test])
-
-
-def test_the_split_is_the_same_each_time():
-    table, targets = regular(120, 6)
-    for one, two in zip(blocked_folds(table, targets), blocked_folds(table, targets), strict=True):
-        assert np.array_equal(one.train, two.train)
-        assert np.array_equal(one.test, two.test)
-
-
-def test_there_is_no_random_split_to_choose():
-    """No seed, no shuffle, and patches that do not say their group cannot be split at all."""
-    asked = set(inspect.signature(blocked_folds).parameters)
-    assert asked == {"patches", "targets", "n_folds", "embargo_frames"}
-    for name, function in inspect.getmembers(splits, inspect.isfunction):
-        if function.__module__ == splits.__name__:
-            asked = set(inspect.signature(function).parameters)
-            assert not {"seed", "random_state", "shuffle"} & asked, name
-    table, targets = regular(100, 10)
-    with pytest.raises(AttributeError):
-        blocked_folds(table.drop(columns="group"), targets)
-
-
 @pytest.mark.parametrize(
     ("frames", "block", "period", "n_folds", "message"),
     [
@@ -194,14 +151,6 @@ def test_fewer_patches_of_each_class_than_folds():
     table = pd.DataFrame({"mission": "m", "frame": range(0, 60, 10), "group": list("abcdef")})
     with pytest.raises(ToktError, match="no class has as many patches"):
         blocked_folds(table, np.array([0, 0, 0, 1, 1, 1]), 5, 0)
-
-
-def test_a_row_a_group_is_quick():
-    """A folder of 100,000 patches: each is a group of its own."""
-    n = 100_000
-    table = pd.DataFrame({"mission": "m", "frame": np.arange(n), "group": np.arange(n).astype(str)})
-    folds = blocked_folds(table, (np.arange(n) % 4 == 0).astype(np.int64), 5, 0)
-    assert sorted(np.concatenate([fold.test for fold in folds])) == list(range(n))
 
 
 @settings(max_examples=scaled(60))

@@ -1,7 +1,6 @@
 """`tokt evaluate`: its figures against a count by hand, for binary and several-class models."""
 
 import json
-import shutil
 from dataclasses import replace
 from itertools import product
 
@@ -10,14 +9,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.fixtures import taxonomy_toml
 from tokt.features.frames.mission import open_mission
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.training.evaluation.evaluate import first_detection
 from tokt.training.evaluation.metrics import reliability, right_by_margin
-
-SEVERAL = taxonomy_toml(ocean=False, subsea_installation=True, kelp=True)
 
 
 @pytest.fixture
@@ -106,43 +102,29 @@ def test_frames_are_judged_at_the_operating_point_across_a_gap(
     assert (result["latency_frames"], plain["latency_frames"]) == (1, 0)
     assert plain["frames"]["held_status_frames"] == []
 
-    # What follows a status that was false itself is no hold.
-    rows = tiny_truth.labels()
-    for row in rows:
-        row[-1] = "ocean" if row[-1] == "unsure" or row[2] < 13 else row[-1]
-    labels = tiny_truth.write_labels(tmp_path / "l.csv", rows)
-    frames = evaluate(file, "--frames", "1-14,18-40", labels=labels)[0]["frames"]
-    gone = [frame for frame in held if frame < 15]
-    assert gone and set(gone) <= set(frames["false_status_frames"])
-    assert frames["held_status_frames"] == held[len(gone) :]
 
-
-@pytest.fixture
-def listed(tiny, own_tiny, tiny_truth, tmp_path):
-    """A list of three dives at two sites, each with its own label file and other pictures."""
-    dives = {}
-    for name, shift in (("a", 0), ("b", 1), ("c", 2)):
-        folder = tmp_path / "dives" / name / "frames"
-        shutil.copytree(tiny.path, folder)
-        for file in folder.glob("Left/*"):
-            cv2.imwrite(str(file), cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) + np.uint8(shift))
-        dives[name] = tiny_truth.write_labels(folder.parent / "l.csv", tiny_truth.labels())
+@pytest.fixture(scope="module")
+def listed(tiny_dive, tmp_path_factory):
+    """A list of three dives of 24 frames at two sites, each with its own labels and pictures."""
+    place = tmp_path_factory.mktemp("dives")
+    for name, gain in (("a", 1.0), ("b", 1.1), ("c", 1.2)):
+        tiny_dive(place / name, range(1, 25), gain)
     text = "".join(
-        f'[[mission]]\nname = "{name}"\ndir = "{name}/frames"\nlabels = "{name}/l.csv"\n'
+        f'[[mission]]\nname = "{name}"\ndir = "{name}"\nlabels = "{name}/labels.csv"\n'
         f'site = "{site}"\ndate = 2016-04-20\n'
         for name, site in (("a", "fjord"), ("b", "basin"), ("c", "basin"))
     )
-    file = tmp_path / "dives" / "missions.toml"
+    file = place / "missions.toml"
     file.write_text(text, "utf-8")
     return file
 
 
-def test_several_missions_by_dive_and_site(
-    done, refused, evaluate, tiny_bundle, tiny_truth, listed
-):
+def test_several_missions_by_dive_and_site(done, refused, evaluate, tiny_bundle, listed):
     found = json.loads(done("evaluate", tiny_bundle, "--mission", listed.parent, "--json").out)
     alone = {
-        name: evaluate(tiny_bundle, mission=f"{name}={listed.parent / name / 'frames'}")[0]
+        name: evaluate(
+            tiny_bundle, mission=listed.parent / name, labels=listed.parent / name / "labels.csv"
+        )[0]
         for name in "abc"
     }
     assert alone["a"]["patch"]["n"] * 3 == found["patch"]["n"]
@@ -171,24 +153,9 @@ def test_several_missions_by_dive_and_site(
         )
         missed = [f"{n}:{at}" for n in names for at in alone[n]["frames"]["missed_frames"]]
         assert pooled["frames"]["missed_frames"] == missed
-    assert "mission" not in found and found["seen_in_training"] == 40
-    rows = [row for name in "abc" for row in tiny_truth.labels(name)]
-    labels = tiny_truth.write_labels(listed.parent / "all.csv", rows)
-    each = [("--mission", f"{name}={listed.parent / name / 'frames'}") for name in "abc"]
-    command = ("evaluate", tiny_bundle, *each[0], *each[1], *each[2], "--labels", labels, "--json")
-    again = json.loads(done(*command).out)
-    assert again["sites"] == {} and again["patch"] == found["patch"]
-    assert again["missions"] == [{**one, "site": None} for one in found["missions"]]
+    assert "mission" not in found and found["seen_in_training"] == 24
+    command = ("evaluate", tiny_bundle, "--mission", listed.parent)
     refused("--frames goes with one mission", *command, "--frames", "1-8")
-
-
-def test_the_table_of_several_missions(done, tiny_bundle, listed):
-    ran = done("evaluate", tiny_bundle, "--mission", listed)
-    assert "learnt from 40 of these frames (a): " in ran.err
-    out = ran.out
-    rows = out[out.index("first of three\n") :].splitlines()[1:]
-    assert [row.split()[0] for row in rows] == ["a", "b", "c", "site", "site"]
-    assert "subsea_installation: " in out and "on the right side" in out
 
 
 def test_three_in_a_row_do_not_reach_over_a_gap():
@@ -196,23 +163,22 @@ def test_three_in_a_row_do_not_reach_over_a_gap():
         return first_detection(list(range(10, 10 * len(missed) + 1, 10)), missed, status)
 
     assert first([0, 0, 0, 0], [0, 1, 1, 1]) == 20
+    assert first([0, 0], [1, 1]) is first([0] * 5, [1, 1, -1, 1, 1]) is None
     assert first([0, 0, 13], [1, 1, 1]) is None
     assert first([0, 0, 13, 0, 0], [1, 1, 1, 1, 1]) == 30
-
-
-def test_keys_that_scripts_use(evaluate, tiny_bundle):
-    result, _ = evaluate(tiny_bundle)
-    assert {"patch", "frames", "unsure_ignored", "model"} <= set(result)
-    assert {"precision", "recall", "f1", "average_precision", "per_class"} <= set(result["patch"])
-    frames = ("n", "ocean_frames", "false_status", "detected", "obstacle_frames", "first_detection")
-    assert set(frames) <= set(result["frames"])
-    assert set(result["patch"]["per_class"]) == {"clear", "obstacle"}
 
 
 def test_registered_model_and_exported_bundle_agree_exactly(evaluate, trained, tiny_bundle):
     from_registry, _ = evaluate("tiny-lbp@challenger", "--workspace", trained)
     from_file, _ = evaluate(tiny_bundle)
     assert from_registry == from_file
+    # Keys that scripts use.
+    assert {"patch", "frames", "unsure_ignored", "model"} <= set(from_file)
+    patch = ("precision", "recall", "f1", "average_precision", "per_class")
+    assert set(patch) <= set(from_file["patch"])
+    frames = ("n", "ocean_frames", "false_status", "detected", "obstacle_frames", "first_detection")
+    assert set(frames) <= set(from_file["frames"])
+    assert set(from_file["patch"]["per_class"]) == {"clear", "obstacle"}
 
 
 def test_frames_learnt_from_are_warned_of(evaluate, tiny_bundle, own_tiny, tiny_truth):
@@ -242,46 +208,6 @@ def test_partly_labelled_and_unsure_frames_are_not_judged(
     assert result["patch"]["average_precision"] is None
 
 
-def test_several_classes_with_an_own_one_end_to_end(
-    evaluate, own_tiny, tiny_truth, tmp_path, done, refused
-):
-    """A class from a taxonomy file goes through dataset, training, bundle and predictions."""
-    where = ("--workspace", tmp_path / ".tokt")
-    (tmp_path / ".tokt").mkdir()
-    (tmp_path / ".tokt" / "taxonomy.toml").write_text(SEVERAL, "utf-8")
-    rows = tiny_truth.labels()
-    for number in range(1, 41):
-        frame = tiny_truth.draw(number)
-        if number % 2:  # kelp: bright stripes in the lowest row of patches
-            frame[243:270:2, :108] = 120
-            for row in rows:
-                if row[2] == number and row[3] == 9 and row[4] < 3:
-                    row[-1] = "kelp"
-        cv2.imwrite(str(own_tiny.path / "Left" / f"tiny_L_{number}.png"), frame)
-    labels = tiny_truth.write_labels(own_tiny.labels, rows)
-    build = ("dataset", "build", "s", "--mission", own_tiny.path, "--labels", labels)
-    train = ("train", "s", "--name", "several", "--extractor", "haralick", "--preset", "plain")
-    done(*build, "--task", "classes", "--block", 4, *where)
-    done(*train, "--folds", 2, "--embargo", 1, *where)
-    done("export", "several", "-o", tmp_path / "several.tokt", *where)
-    bundle = read_bundle(tmp_path / "several.tokt")
-    assert bundle.model.classes == ("ocean", "subsea_installation", "kelp")
-    assert bundle.model.obstacle == (False, True, True)
-    values = bundle.decision_values(open_mission(own_tiny.path).read(1))
-    assert (bundle.model.predicted(values)[90:93] == 2).all()
-    assert bundle.model.obstacle_patches(values)[90:93].all()
-    result, _ = evaluate(tmp_path / "several.tokt", *where, mission=own_tiny.path, labels=labels)
-    assert set(result["patch"]["per_class"]) == {"ocean", "subsea_installation", "kelp"}
-    assert result["patch"]["per_class"]["kelp"]["n"] == 60
-    assert result["patch"]["per_class"]["kelp"]["f1"] > 0.95
-    assert result["patch"]["by_label"]["kelp"]["right_side"] > 0.95
-    assert result["frames"]["obstacle_frames"] > 25
-    shutil.rmtree(tmp_path / ".tokt")
-    # With the packaged taxonomy the bundle works, but these labels do not.
-    again = ("evaluate", tmp_path / "several.tokt", "--mission", own_tiny.path)
-    refused("unknown class 'kelp'", *again, "--labels", labels, *where)
-
-
 def test_a_frame_the_runtime_cannot_judge_is_no_correct_clear(evaluate, tiny_bundle, own_tiny):
     before, _ = evaluate(tiny_bundle, mission=own_tiny.path, labels=own_tiny.labels)
     dark = open_mission(own_tiny.path).file(1, "left")
@@ -293,21 +219,11 @@ def test_a_frame_the_runtime_cannot_judge_is_no_correct_clear(evaluate, tiny_bun
     assert after["mission_in_training"] is True
 
 
-def test_a_frame_that_cannot_be_described_is_one_line(refused, tiny_bundle, own_tiny):
-    strip = open_mission(own_tiny.path).file(7, "left")
-    cv2.imwrite(str(strip), np.zeros((2, 1000), np.uint8))
-    frames = ("--mission", own_tiny.path, "--labels", own_tiny.labels, "--frames", "7")
-    refused("tokt: error: frame 7 cannot be scored: ", "evaluate", tiny_bundle, *frames)
-
-
 # --- ready-cut patches -------------------------------------------------------------------------
 
 
-def test_ready_cut_patches(done, refused, cut_patches, tiny_bundle, tmp_path):
-    space = ("--workspace", tmp_path / "ws")
-    learnt, other = (cut_patches(tmp_path / f"{n}", n, 20) for n in (1, 2))
-    done("dataset", "build", "cut", "--patches", learnt, *space)
-    done("train", "cut", "--extractor", "lbp", "--preset", "plain", *space)
+def test_ready_cut_patches(done, refused, cut_patches, cut, tiny_bundle, tmp_path):
+    space, other = ("--workspace", cut.workspace), cut_patches(tmp_path / "other", 2, 20)
     command = ("evaluate", "cut-lbp", *space, "--patches")
     ran = done(*command, other, "--json")
     assert "WARNING" not in ran.err
@@ -327,13 +243,11 @@ def test_ready_cut_patches(done, refused, cut_patches, tiny_bundle, tmp_path):
     assert patch["false_positive"] == sum(said["ocean"]) < 5
     assert set(patch["by_label"]) == {"ocean", "reef"}
     assert sum(one["n"] for one in patch["reliability"]) == 40
-    assert "learnt from 40 of these patches" in done(*command, learnt).err
+    assert "learnt from 40 of these patches" in done(*command, cut.patches).err
     out = done(*command, other).out
     assert "reef: " in out and "status" not in out
     refused("judges the patches of whole frames", "evaluate", tiny_bundle, "--patches", other)
     refused("go with --mission", *command, other, "--frames", "1-2")
-    refused("either --mission DIR or --patches DIR", "evaluate", "cut-lbp", *space)
-    refused("has no images", *command, other.parent)
     (other / "reef" / "1.png").write_bytes(b"no image")
     refused("1.png", *command, other)
 

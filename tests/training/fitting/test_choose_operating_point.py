@@ -18,7 +18,6 @@ from tokt.training.evaluation.frame_scores import (
     frame_names,
     frame_table,
 )
-from tokt.training.evaluation.metrics import upper_bound
 from tokt.training.fitting.choose_operating_point import FalseStatusTarget, choose_frame_rule
 from tokt.training.fitting.exceedance_model import fit_exceedance_model
 
@@ -66,46 +65,12 @@ def test_margins_over_dives_keep_the_rate_on_dives_never_seen():
     assert np.mean(kept["dive"]) >= 0.85 > np.mean(kept["block"])
 
 
-def test_the_law_is_the_sum_of_a_normal_level_and_a_gumbel_law():
-    values, block = ocean(np.random.default_rng(6), blocks=300, copies=1, between=2.0)
-    tail = fit_exceedance_model(values, block, RATE)
-    assert np.isclose(tail.between, 2.0, rtol=0.1) and np.isclose(tail.within, 1.0, rtol=0.05)
-    rng = np.random.default_rng(7)
-    drawn = tail.mean - tail.within * np.euler_gamma + rng.normal(0, tail.between, 10**6)
-    drawn += tail.within * rng.gumbel(size=10**6)
-    for margin in (0.0, 3.0, 8.0):
-        assert np.isclose(tail.rate(margin), (drawn > margin).mean(), rtol=0.1)
-
-
-def test_near_copies_do_not_count_as_frames_of_their_own():
-    """The same hundred frames, taken for fifty independent pairs, look far too sure."""
-    values, block = ocean(np.random.default_rng(1), copies=10)
-    values += np.random.default_rng(2).normal(0, 0.1, len(values))
-    pairs = (np.arange(len(values)) // 2).astype(object)
-    of_blocks, of_pairs = (fit_exceedance_model(values, group, RATE) for group in (block, pairs))
-    assert of_blocks.standard_error > 3 * of_pairs.standard_error
-
-
-def test_confidence_and_margin_say_the_same():
-    tail = fit_exceedance_model(*ocean(np.random.default_rng(2)), RATE)
-    for confidence in (0.5, 0.8, 0.99):
-        assert np.isclose(tail.confidence(tail.margin(confidence)), confidence)
-    assert np.isclose(tail.rate(tail.margin(0.5)), RATE)
-
-
 def test_too_little_is_not_extrapolated():
     values, block = ocean(np.random.default_rng(3))
     assert fit_exceedance_model(values[:9], block[:9], RATE) is None
     assert fit_exceedance_model(values[:20], block[:20], RATE) is None  # one block
     for single in (1.0, 0.1, -1 / 3):  # whose mean is not always the very same number
         assert fit_exceedance_model(np.full(100, single), block, RATE) is None
-
-
-def test_upper_bounds_are_clopper_and_pearsons():
-    assert np.isclose(upper_bound(0, 99), 1 - 0.05 ** (1 / 99))
-    found = stats.binomtest(3, 50).proportion_ci(0.9, method="exact").high  # two-sided 90 %
-    assert np.isclose(upper_bound(3, 50), found)
-    assert upper_bound(5, 5) == 1.0
 
 
 # --- a status as a number above a margin -------------------------------------------------------
@@ -171,25 +136,6 @@ def put(dataset, score, frame, values, at=0):
 def choose(dataset, score, **asked):
     every = np.ones(len(score), bool)
     return choose_frame_rule(dataset, score, every, FalseStatusTarget(**asked))
-
-
-def test_frames_of_a_dataset(frames, tiny_truth):
-    numbers = frames.keys.frame.tolist()
-    assert numbers == list(range(1, 41))
-    assert frames.ocean.tolist() == [not tiny_truth.cells(n) for n in numbers]
-    assert (np.diff(frames.place) == 1).all() and (frames.min_mask_patches == 1).all()
-    assert frame_names(frames.keys[frames.keys.frame == 7]) == ["tiny:7"]
-
-
-def test_statistic_is_the_mth_largest_score_of_a_frame(dataset, frames, score):
-    tested = (dataset.patches.frame != 3).to_numpy()
-    score[~tested] = np.nan
-    scores = FrameScores.of(frames, dataset, score, tested)
-    for least in (1, 2, 3):
-        found = scores.statistic(least, 1, 1)
-        for place, frame in enumerate(frames.keys.frame):
-            mine = np.sort(score[(dataset.patches.frame == frame).to_numpy()])
-            assert found[place] == (-np.inf if frame == 3 else mine[-least])
 
 
 def test_margin_is_never_below_what_was_seen_unless_the_rate_allows_it(dataset, score):
@@ -283,21 +229,6 @@ def test_without_ocean_frames_nothing_is_chosen(dataset, frames, score, monkeypa
         assert rule == MofNRule() and chosen["method"] == "none" and chosen["words"]
         # Then a folder of patches: each of its "frames" is a patch.
         monkeypatch.setattr(dataset, "block_frames", None)
-
-
-def test_a_rule_that_the_ocean_frames_say_nothing_of_is_not_chosen(dataset, score, monkeypatch):
-    """No two ocean frames in a row: several frames' margin would be 0, for want of any."""
-    left_out = [2, 13, 15, 25, 27, 37, 39]
-    tested = ~dataset.patches.frame.isin(left_out).to_numpy()
-    score[dataset.targets() == 0] += 5  # water as bright as the tower
-    rules = "tokt.training.fitting.choose_operating_point.FRAME_RULES"
-    monkeypatch.setattr(rules, ((1, 1), (3, 3)))
-    for least_frames in (10, 5):  # too few for a law of any rule; enough for one at once
-        monkeypatch.setattr("tokt.training.fitting.exceedance_model.MIN_FRAMES", least_frames)
-        rule, chosen = choose_frame_rule(dataset, score, tested, FalseStatusTarget())
-        assert (chosen["extrapolated_rate"] is None) == (least_frames == 10)
-        assert max(chosen["candidates"], key=lambda one: one["detected"])["window"] == 3
-        assert rule.n == 1 and rule.margin > 2
 
 
 def test_rows_that_were_not_tested_do_not_matter(dataset, score):

@@ -70,15 +70,6 @@ def test_limits_are_those_of_plain_held_back_windows():
     assert found.counts.sum(axis=1).tolist() == [len(features)] * 3
 
 
-def test_patches_of_a_frame_in_another_order_give_the_same_bytes():
-    dataset, features = table()
-    found = training_distribution(dataset, features, GAP)
-    order = np.lexsort((-dataset.patches.row, *(dataset.patches[k] for k in ("frame", "camera"))))
-    other = SimpleNamespace(block_frames=LENGTH, patches=dataset.patches.iloc[order])
-    again = training_distribution(other, features[order], GAP)
-    assert distribution_bytes(found) == distribution_bytes(again)
-
-
 @pytest.mark.parametrize("block_frames", [None, 60])
 def test_too_little_to_measure_on_is_no_distribution(block_frames):
     """Single patches; and windows so long that less is left than they hold."""

@@ -8,7 +8,7 @@ from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.splits import Fold
-from tokt.training.fitting.label_audit import believable, label_margins
+from tokt.training.fitting.label_audit import believable
 
 PLANTED = [(5, 0, 0), (6, 9, 9), (17, 1, 2), (18, 8, 0), (29, 4, 29 % 8), (30, 5, 30 % 8 + 1)]
 """Frame, row and column: four patches of open water, then two of the tower."""
@@ -59,13 +59,6 @@ def test_audit_of_a_model_starts_from_its_registered_held_out_values(workspace, 
     contradicted = set(wrong[["frame", "row", "col"]].itertuples(index=False, name=None))
     listed = {(p["frame"], p["row"], p["col"]) for p in found["patches"]}
     assert len(listed & contradicted) >= 0.8 * len(listed)
-
-
-def test_margin_is_what_the_label_wins_by():
-    one = label_margins(np.array([[2.0], [2.0], [-0.5]]), np.array([1, 0, 0]))
-    assert one.tolist() == [2.0, -2.0, 0.5]
-    several = label_margins(np.array([[1.0, 3.0, -1.0], [1.0, 3.0, -1.0]]), np.array([1, 2]))
-    assert several.tolist() == [2.0, -4.0]
 
 
 def test_second_pass_learns_no_contradicted_label_but_half_of_a_class_at_least():

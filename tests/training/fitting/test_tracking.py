@@ -6,14 +6,12 @@ from pathlib import Path
 import mlflow
 import numpy as np
 import pytest
-from mlflow.utils.validation import _validate_metric_name
 
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.evaluation.frame_scores import frame_figures
 from tokt.training.evaluation.metrics import obstacle_metrics
-from tokt.training.fitting import tracking
 
 
 @pytest.fixture(scope="module")
@@ -64,26 +62,8 @@ def test_the_operating_point_goes_from_training_into_recipe_run_and_bundle(
     assert run.metrics["cv_detected_frames"] == recipe["metrics"]["frames"]["detected"]
 
 
-def test_the_card_is_kept_with_the_run_and_is_the_versions_description(
-    registry, version, tmp_path, monkeypatch
-):
+def test_the_card_is_kept_with_the_run_and_is_the_versions_description(registry, version, tmp_path):
     card = registry.bundle(version.label).card
     assert artifact(version, "card.md", tmp_path).decode("utf-8") == card
     described = registry.client.get_model_version(version.name, version.version).description
     assert described == card or (len(card) > 5000 and described.startswith(card[:4000]))
-    sent = []
-    monkeypatch.setattr(registry.client, "log_text", lambda *_: None)
-    monkeypatch.setattr(registry.client, "update_model_version", lambda *args: sent.append(args[2]))
-    tracking._log_card(version, "x" * 9000, registry)
-    assert len(sent[0]) == 5000 and sent[0].endswith("tokt/card.md.)")
-
-
-def test_a_mission_may_be_called_as_a_folder_may(registry, version):
-    metrics = registry.recipe(version)["metrics"]
-    first = {"dive (2), port#1": 7, "Ærøy 3": 8, "m" * 250: 9}
-    frames = {**metrics["frames"], "first_detection": first}
-    found = tracking._flat_metrics({**metrics, "frames": frames})
-    assert found["cv_first_detection_dive _2__ port_1"] == 7
-    for name in found:
-        _validate_metric_name(name)  # what MLflow refuses a run for
-        assert len(name) <= 250  # that too, once all is trained
