@@ -1,14 +1,13 @@
 """`tokt cameras`: what is listed, what is tried, and what is said where nothing comes."""
 
 import json
-import socket
 import sys
 import tomllib
 
 import cv2
 import pytest
 
-from tests.calls import refused, run_python, succeeds
+from tests.calls import run_python, succeeds
 from tests.inference.sources.video.pictures import bgr
 from tests.inference.sources.video.senders import mjpeg
 from tests.inference.sources.video.v4l2_device import DAMAGED, WHOLE
@@ -76,11 +75,3 @@ def test_a_password_is_not_printed(tmp_path):
     assert "secret" not in ran.out + ran.err
     assert "TOKT_SOURCE_PASSWORD" in ran.out
     assert tomllib.loads(ran.out)["source"]["source"] == server.url
-
-
-def test_where_nothing_comes_it_is_one_line():
-    with socket.socket() as bound:
-        bound.bind(("127.0.0.1", 0))
-        at = f"http://127.0.0.1:{bound.getsockname()[1]}/"
-        assert at in refused("refused", "cameras", at)
-    refused("names no camera", "cameras", "missions/a")

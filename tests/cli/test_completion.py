@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from tests.calls import run_python
 from tokt.cli.completion import complete
 from tokt.models.registry.names import ALIASES, REFERENCES, registered_names
 
@@ -59,17 +58,6 @@ def test_the_workspace_is_the_default_one_and_files_are_models(workspace, tmp_pa
     assert ".tokt" not in completed("MODEL", "")
     assert completed("DATASET", "r") == ["reef"]
     assert completed("MODEL", "reef.") == ["reef.tokt"]
-
-
-def test_a_workspace_on_the_line_is_asked(workspace):
-    for folder, names in ((workspace, "reef\ntower"), (workspace / "none", "")):
-        told = {
-            **{"_TOKT_COMPLETE": "complete_bash", "COMP_CWORD": "4"},
-            "COMP_WORDS": f"tokt\ntrain\n--workspace\n{folder}\n",
-        }
-        code = "import sys; from tokt.cli import main; sys.argv = ['tokt']; main()"
-        done = run_python("-c", code, **told)
-        assert (done.returncode, done.stdout.strip(), done.stderr) == (0, names, "")
 
 
 def test_a_registry_that_cannot_be_read_has_no_names(workspace, monkeypatch, tmp_path):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.calls import run_python, succeeds
+from tests.calls import succeeds
 from tests.features.kernels.each_kernel import changed
 from tokt.cli import doctor as doctor_module
 from tokt.features.common import atomic
@@ -98,16 +98,6 @@ def test_an_empty_place_in_lines(tmp_path, run_tokt, monkeypatch):
     assert not any("store" in line for line in lines)
 
 
-@pytest.mark.process
-def test_mlflow_is_not_imported_without_a_registry(tmp_path):
-    program = (
-        "import sys; from tokt.cli import app; app(['doctor'], standalone_mode=False);"
-        "print([name for name in ('mlflow', 'sklearn', 'pandas') if name in sys.modules])"
-    )
-    done = run_python("-c", program, folder=tmp_path)
-    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "[]")
-
-
 def test_a_label_store_in_use_keeps_its_bytes(labelled, doctor):
     """Its latest events are still in the write-ahead log of the process that has it open."""
     with sqlite3.connect(labelled / "labels.db") as other:
@@ -135,15 +125,6 @@ def test_wrong_kernels_are_a_fault_and_the_rest_is_shown(store, tmp_path, tokt_w
     assert found["registry"]["state"] == "note"
     done = tokt_without((), tmp_path, "doctor", TOKT_KERNELS="nonsense")
     assert done.returncode == 1 and "\nfault  kernels: TOKT_KERNELS=nonsense" in done.stdout
-
-
-@pytest.mark.process
-def test_kernels_of_libraries_that_are_not_installed_are_a_note(tmp_path, tokt_without):
-    libraries = ("skimage", "skimage.feature", "mahotas")
-    done = tokt_without(libraries, tmp_path, "doctor", "--json", TOKT_KERNELS="")
-    assert (done.returncode, done.stderr) == (0, "")
-    library = by_name(done.stdout)["library kernels"]
-    assert library["state"] == "note" and "not on this machine" in library["text"]
 
 
 def test_the_kernels_of_this_machine_agree():

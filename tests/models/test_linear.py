@@ -98,33 +98,6 @@ def test_features_that_are_not_finite(bad):
         zero.decision_values(features)
 
 
-GOOD: dict[str, Any] = {
-    "weights": np.ones((1, 3)),
-    "bias": np.zeros(1),
-    "thresholds": np.zeros(1),
-    "classes": ("ocean", "other"),
-    "obstacle": (False, True),
-}
-
-
-@pytest.mark.parametrize(
-    ("name", "values"),
-    {
-        "weights": [np.ones(shape) for shape in (3, (1, 0), (0, 3), (2, 3))]
-        + [np.ones((1, 3), np.float32), np.full((1, 3), np.nan)],
-        "bias": [np.zeros(2), np.zeros((1, 1)), np.full(1, np.inf)],
-        "thresholds": [np.zeros(0), np.full(1, np.nan), np.zeros(1, np.int64)],
-        "classes": [("ocean",), ("ocean", "ocean"), ("ocean", "other", "sand")],
-        "obstacle": [(True,), (False, True, True), (True, False)],
-    }.items(),
-)
-def test_refused_models(name, values):
-    LinearModel(**GOOD)
-    for value in values:
-        with pytest.raises(ValueError):
-            LinearModel(**{**GOOD, name: value})
-
-
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("sigma", [0.0, np.nan])
 def test_a_scale_of_zero_is_refused(sigma):

@@ -69,35 +69,6 @@ def test_the_same_data_gives_the_same_map_and_landmarks_go_by_weight():
     assert np.abs(one.map.landmarks).max() <= 2.5
 
 
-MAP = {
-    "scale": np.ones(2),
-    "offset": np.zeros(2),
-    "limit": 1.5,
-    "landmarks": np.zeros((3, 2)),
-    "gamma": 0.5,
-}
-
-
-@pytest.mark.parametrize(
-    ("name", "wrong"),
-    [
-        ("scale", np.ones(3)),
-        ("scale", np.ones(2, np.float32)),
-        ("offset", np.array([0, np.nan])),
-        *[("limit", wrong) for wrong in (0.0, -1.0, np.nan, np.inf)],
-        *[("gamma", wrong) for wrong in (0.0, -1.0, np.nan, np.inf)],
-        ("landmarks", np.zeros((0, 2))),
-        ("landmarks", np.zeros(2)),
-        ("landmarks", np.full((3, 2), 2.0)),
-        ("landmarks", np.full((3, 2), np.nan)),
-    ],
-)
-def test_a_map_that_is_none(name, wrong):
-    NystroemMap(**MAP)
-    with pytest.raises(ValueError):
-        NystroemMap(**{**MAP, name: wrong})
-
-
 @pytest.fixture(scope="module")
 def mapped_content():
     """A bundle's content whose model has a map, of random patches."""

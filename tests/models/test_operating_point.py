@@ -122,12 +122,3 @@ def test_an_operating_point_is_the_same_after_json(rule):
 )
 def test_a_rule_out_of_bounds_is_refused_in_words(wrong):
     refuses("frame rule", MofNRule.from_json, {**MofNRule().to_json(), **wrong})
-
-
-@pytest.mark.parametrize(
-    "value",
-    [None, [], {"chosen": {}}]
-    + [{**MofNRule().to_json(), **edit} for edit in ({"chosen": None}, {"chosen": {}, "more": 1})],
-)
-def test_what_is_no_operating_point_is_refused(value):
-    refuses("", OperatingPoint.from_json, value)

@@ -134,9 +134,6 @@ def test_doctor_on_keys_and_the_last_good_copy(store, signed, bundles, key_files
     found = states(store)
     assert found["store keys"] == f"ok: it takes only what these signed: boat {public.id}"
     assert found["store last good copy"] == "ok: c/3, verified"
-    versions = found["store versions"]
-    assert versions.startswith("note: 3 bundles") and "a/1" in versions
-
     store.bundle_file(signed["c"].sha256).write_bytes(b"damaged")
     assert "the last good copy runs instead: c/3" in states(store)["store active"]
     store.rollback()
