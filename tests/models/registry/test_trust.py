@@ -40,6 +40,7 @@ from tokt.models.registry.skops_arrays import pipeline_arrays
 pytestmark = pytest.mark.xdist_group("registry")  # what they share is made once
 
 HERE = Path(__file__).parent
+TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
 
 
 def change(workspace, *statements):
@@ -69,6 +70,12 @@ def bundle_file(workspace, model="tiny-lbp"):
 def skops_file(workspace):
     """What version 0.1.0 kept of the weights of `tiny-lbp`."""
     return model_folder(workspace) / "model.skops"
+
+
+def set_tag(workspace, key, value):
+    """Change a tag of each version."""
+    update = "UPDATE model_version_tags SET value = ? WHERE key = ?"
+    change(workspace, (update, value, key))
 
 
 def edit_recipe(workspace, **edit):
@@ -224,8 +231,7 @@ def test_a_version_of_before_there_were_bundles_gives_the_same_bundle(workspace,
     take_apart(workspace)
     names = ("recipe.json", "weights.npz", "golden.npz", "lineage.npz", "distribution.npz")
     files = {name: (folder / name).read_bytes() for name in (*names, "held_out.parquet")}
-    update = "UPDATE model_version_tags SET value = ? WHERE key = ?"
-    change(workspace, (update, files_tag("tiny-lbp", found.run_id, files), FILES_TAG))
+    set_tag(workspace, FILES_TAG, files_tag("tiny-lbp", found.run_id, files))
     assert export(workspace) == (tiny_bundle.read_bytes(), "")
     for name in names:
         (folder / name).write_bytes(files[name] + b" ")
@@ -293,32 +299,23 @@ def test_a_skops_file_of_something_else_is_refused(old):
     )
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["{", "[]", "null", '{"recipe_version": 3}', '{"recipe_version": 3, "distribution": null}'],
-)
-def test_a_recipe_that_is_none_is_one_line(old, text):
-    (run_folder(old) / "recipe.json").write_text(text, "utf-8")
-    export_refused("its recipe.json", old)
-    hold_row("a registered model whose recipe is damaged", "refused: `its recipe.json`", "nothing")
-
-
-def test_a_recipe_with_other_values_is_one_line(old):
+def test_a_recipe_that_is_none_or_has_other_values_is_one_line(old):
+    file = run_folder(old) / "recipe.json"
+    whole = file.read_bytes()
+    for text in ("{", "null", '{"recipe_version": 3, "distribution": null}'):
+        file.write_text(text, "utf-8")
+        export_refused("its recipe.json", old)
     for edit in (
-        {"thresholds": "abc"},
         {"thresholds": [1e309]},
         {"classes": 5},
-        {"grid": []},
-        {"extractor": 1},
         {"operating_point": {}},
-        {"provenance": "me"},
         {"provenance": {"mlflow_model_id": "../../../somewhere"}},
         {"metrics": None},
     ):
-        before = (run_folder(old) / "recipe.json").read_bytes()
+        file.write_bytes(whole)
         edit_recipe(old, **edit)
         export_refused("tiny-lbp/1", old)
-        (run_folder(old) / "recipe.json").write_bytes(before)
+    hold_row("a registered model whose recipe is damaged", "refused: `its recipe.json`", "nothing")
 
 
 # --- hashes and signatures ------------------------------------------------------------------------
@@ -362,11 +359,10 @@ def test_a_registration_of_format_1_is_read(keys):
 
 
 def test_hashes_that_are_gone_or_damaged(workspace):
-    update = "UPDATE model_version_tags SET value = ? WHERE key = ?"
-    for value in ("", "{}", "[]", '{"format_version": 1, "files": {"recipe.json": 5}}'):
-        change(workspace, (update, value, FILES_TAG))
+    for value in ("", "[]", '{"format_version": 1, "files": {"recipe.json": 5}}'):
+        set_tag(workspace, FILES_TAG, value)
         export_refused("tokt.files is damaged", workspace)
-    change(workspace, (update, '{"format_version": 2, "files": {}}', FILES_TAG))
+    set_tag(workspace, FILES_TAG, '{"format_version": 2, "files": {}}')
     export_refused("registered by another generation of tokt", workspace)
     change(workspace, ("DELETE FROM model_version_tags WHERE key = ?", FILES_TAG))
     export_refused("the hashes of its files are gone", workspace)
@@ -386,15 +382,6 @@ def test_runs_exchanged_between_models(pair):
     export_refused("its files were registered as 'tiny-haralick'", pair)
     said = "refused: `its files were registered as`"
     hold_row("the runs of two registered models exchanged", said, "nothing")
-
-
-def test_folders_exchanged_between_models(pair):
-    one, other = (run_folder(pair, name) for name in ("tiny-lbp", "tiny-haralick"))
-    one.rename(pair / "x")
-    other.rename(one)
-    (pair / "x").rename(other)
-    for name in ("tiny-lbp", "tiny-haralick"):
-        export_refused("is not the one that was registered", pair, name)
 
 
 def test_a_signed_registration_is_checked_by_who_exports(pair, key_files):
@@ -445,16 +432,13 @@ def test_a_signature_that_is_gone(pair, key_files):
     hold_row("the signature of a registration taken away", said, "nothing")
 
 
-def test_a_signature_that_is_none(pair, key_files):
-    update = "UPDATE model_version_tags SET value = ? WHERE key = ?"
-    newer = "signature has format 9, newer than this tokt reads"
-    for value, words in (
-        ("", "signature is"),
-        ("{}", "signature is"),
-        ('{"format_version": 9}', newer),
-    ):
-        change(pair, (update, value, SIGNATURE_TAG))
-        export_refused(words, pair, "tiny-haralick", "--sign", key_files["boat"])
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [("{}", "signature is"), ('{"format_version": 9}', "signature has format 9, newer than")],
+)
+def test_a_signature_that_is_none(pair, key_files, value, words):
+    set_tag(pair, SIGNATURE_TAG, value)
+    export_refused(words, pair, "tiny-haralick", "--sign", key_files["boat"])
 
 
 # --- what training reads of a run -----------------------------------------------------------------
@@ -467,13 +451,13 @@ def test_parameters_of_a_run_that_do_not_fit(pair):
     audit = ("labels", "audit", "tiny-lbp", *where)
     change(pair, ("CREATE TABLE before AS SELECT * FROM params",))
     for name, values, commands in (
-        ("split_folds", ("abc", "0", "9" * 5000), (compare, audit)),
-        ("split_embargo_frames", ("-1", "9" * 30), (audit,)),
-        ("split_by", ("frame", "9" * 5000), (compare, audit)),
+        ("split_folds", ("9" * 5000,), (audit,)),
+        ("split_embargo_frames", ("-1",), (audit,)),
+        ("split_by", ("frame",), (compare,)),
         ("split_weight", ("",), (audit,)),
-        ("split_sites", ("5", "{", "nothing(", "-" * 100_000 + "1"), (compare, audit)),
-        ("setting_scale", ("nothing(", "5", "-" * 100_000 + "1", "\0"), (compare,)),
-        ("setting_changes", ("5", "(5,)"), (compare,)),
+        ("split_sites", ("{", "-" * 100_000 + "1"), (audit,)),
+        ("setting_scale", ("nothing(", "\0"), (compare,)),
+        ("setting_changes", ("(5,)",), (compare,)),
     ):
         for value in values:
             change(pair, ("UPDATE params SET value = ? WHERE key = ?", value, name))
@@ -510,15 +494,6 @@ def test_names_in_the_database_move_no_cursor(workspace):
     listed = succeeds("models", "list", "--workspace", workspace).out
     assert listed.startswith(r"\x1b[2J/1") and listed.replace("\n", "").isprintable()
     assert r"\x9b1A\u202e on" in listed
-
-
-def test_a_recipe_that_training_cannot_read_is_one_line(old):
-    before = json.loads((run_folder(old) / "recipe.json").read_text("utf-8"))["provenance"]
-    for key, value in (("dataset", 5), ("preset", []), ("penalty", -1.0), ("learnt_changes", None)):
-        edit_recipe(old, provenance={**before, key: value})
-        refused("", "labels", "audit", "tiny-lbp", "--workspace", old)
-    edit_recipe(old, provenance=None)
-    refused("its recipe.json", "labels", "audit", "tiny-lbp", "--workspace", old)
 
 
 # --- an operating point that never warns ----------------------------------------------------------
@@ -584,24 +559,19 @@ def test_a_rule_over_frames_is_held_to_a_frame_that_stays(tiny_bundle):
 def test_a_moved_workspace_is_whole(workspace, tiny_bundle, tmp_path):
     moved = workspace.rename(tmp_path / "elsewhere")
     assert export(moved)[0] == tiny_bundle.read_bytes()
-    before = set((moved / "mlartifacts").iterdir())
-    where = ("--workspace", moved)
-    succeeds("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY, *where)
-    assert len(set((moved / "mlartifacts").iterdir()) - before) == 1
     assert not workspace.exists()
-    export(moved, "tiny-lbp/2")
     hold_row("a workspace that was moved", "as without it", "nothing")
 
 
 def test_a_copied_workspace_reads_and_writes_its_own(workspace, trained, tiny_bundle, tmp_path):
-    copy = tmp_path / "copy"
+    """Under a name that an address has to escape."""
+    copy = tmp_path / "50% copy æøå #1"
     shutil.copytree(workspace, copy)
     (run_folder(workspace) / "recipe.json").write_text("{}", "utf-8")
     assert export(copy)[0] == tiny_bundle.read_bytes()
     export_refused("recipe.json", workspace)
     before = sorted((workspace / "mlartifacts").rglob("*"))
-    where = ("--workspace", copy)
-    succeeds("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY, *where)
+    succeeds(*TRAIN, "--workspace", copy)
     assert sorted((workspace / "mlartifacts").rglob("*")) == before
     with closing(sqlite3.connect(copy / "mlflow.db")) as database:
         query = (
@@ -623,8 +593,7 @@ def test_a_database_behind_a_link_keeps_its_own_files(workspace, tiny_bundle, tm
     (linked / "mlflow.db").symlink_to(workspace / "mlflow.db")
     (linked / "datasets").symlink_to(workspace / "datasets")
     export(workspace)
-    where = ("--workspace", linked)
-    succeeds("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY, *where)
+    succeeds(*TRAIN, "--workspace", linked)
     assert not (linked / "mlartifacts").exists()
     for place in (linked, workspace):
         assert export(place, "tiny-lbp/1")[0] == tiny_bundle.read_bytes()
@@ -652,12 +621,6 @@ def test_places_in_the_database_are_not_read(workspace, tiny_bundle, tmp_path):
             server.accept()
     said = "as without it: not read, nobody is asked"
     hold_row("artifact URIs exchanged in `mlflow.db`, also for addresses", said, "nothing")
-
-
-def test_an_experiment_without_a_place_is_one_line(workspace):
-    change(workspace, ("UPDATE experiments SET artifact_location = NULL",))
-    where = ("--workspace", workspace)
-    refused("it has no artifact folder", "train", "tiny", "--extractor", "lbp", *TRAIN_TINY, *where)
 
 
 @pytest.mark.parametrize("depth", [0, 1, 2])

@@ -69,7 +69,7 @@ def test_the_interval_holds_the_truth_about_as_often_as_it_says():
     _, block, truth, score = _blocks(7, 20_000, each=20)
     whole = obstacle_counts(truth, score > 0, block, 20_000)
     true_f1 = float(f1(whole.sum(axis=0)))
-    rng, held, repeats = np.random.default_rng(8), 0, 400
+    rng, held, repeats = np.random.default_rng(8), 0, 200
     for repeat in range(repeats):
         mine = whole[rng.integers(0, len(whole), 10)]
         bounds = interval(f1(summed(drawn_blocks(10, repeat, 500), mine)), 10)
@@ -114,13 +114,13 @@ def test_exact_p_values_are_scipys():
 
 def test_p_values_of_equal_models_are_uniform():
     p_values = []
-    for seed in range(150):
+    for seed in range(100):
         rng, block, truth, score = _blocks(seed, 9, each=30)
         noise = rng.normal(0, 0.6, (2, block.size)) + rng.normal(0, 0.5, (2, 9))[:, block]
         counts = [obstacle_counts(truth, score + part > 0, block, 9) for part in noise]
         p_values.append(permutation_test(*counts, f1).p)
     below = np.mean(np.array(p_values) <= 0.1)
-    assert abs(below - 0.1) < 4 * np.sqrt(0.1 * 0.9 / 150)
+    assert abs(below - 0.1) < 4 * np.sqrt(0.1 * 0.9 / 100)
     assert 0.4 < np.median(p_values) < 0.6
 
 
@@ -169,28 +169,12 @@ def test_the_figures_are_scikit_learns():
     assert np.isclose(turned.low, -found.high) and np.isclose(turned.high, -found.low)
 
 
-def test_a_model_does_not_differ_from_itself():
-    _, truth, groups = _patches(2)
-    found = compare_f1(truth, ~truth, ~truth, groups)
-    assert (found.difference, found.low, found.high) == (0, 0, 0)
-    assert found.verdict == "cannot tell"
-
-
 def test_one_lucky_block_of_many_is_no_difference():
     """Hundreds of patches differ, but all in one block: whole blocks are what is independent."""
     _, truth, groups = _patches(3)
     first = truth.copy()
     second = np.where(groups == groups[0], ~truth, truth)
     assert compare_f1(truth, first, second, groups).verdict == "cannot tell"
-
-
-def test_equal_models_are_seldom_called_different():
-    wrong = 0
-    for seed in range(40):
-        rng, truth, groups = _patches(100 + seed)
-        said = [truth ^ (rng.random(truth.size) < 0.15) for _ in range(2)]
-        wrong += compare_f1(truth, said[0], said[1], groups).verdict != "cannot tell"
-    assert wrong <= 8, "a 95 % interval over 12 blocks should miss 0 in about one of 15 cases"
 
 
 # --- words on a learning curve ----------------------------------------------------------------
@@ -220,18 +204,3 @@ def _curve(low, high):
 )
 def test_the_last_blocks_decide(low, high, said):
     assert learning_words(_curve(low, high))[0].startswith(said)
-
-
-def test_classes_and_stretches_are_named():
-    _, classes, best, luck, harm = learning_words(_curve(0.1, 0.2))
-    assert "kelp is judged wrong most often (20.0% of 10" in classes
-    assert "fell by 20.0 percentage points" in classes
-    assert "frames 1-9 of m" in best and "none helps beyond doubt" in luck
-    assert "frames 20-29 of m made the other blocks worse by 0.100" in harm
-
-
-def test_a_best_stretch_that_harms_is_not_said_to_have_lowered_anything():
-    curve = _curve(0.1, 0.2)
-    curve["stretches"] = curve["stretches"][1:]
-    best = learning_words(curve)[2]
-    assert "with them F1 is -0.100 from what it is without" in best

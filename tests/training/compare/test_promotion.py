@@ -4,10 +4,8 @@ import json
 import re
 import shutil
 from dataclasses import replace
-from itertools import product
 from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -100,26 +98,17 @@ def test_one_that_is_as_good_passes_and_a_slow_one_does_not(registered):
     assert ran.code == 2 and f"{SAME} is tiny-lbp@champion already" in ran.err
 
 
-def test_dives_of_its_own_decide_where_mission_names_them(registered, tiny_truth, tmp_path):
+def test_dives_of_its_own_decide_where_mission_names_them(registered, tiny_dive, tmp_path):
     registered.promote(GOOD)
-    folder = tmp_path / "later" / "Left"
-    folder.mkdir(parents=True)
-    for frame in range(100, 180):
-        cv2.imwrite(str(folder / f"later_L_{frame}.png"), tiny_truth.draw(frame))
-    labels = ("ocean", "subsea_installation")
-    rows = [
-        ["later", "left", frame, *cell, labels[cell in tiny_truth.cells(frame)]]
-        for frame, *cell in product(range(100, 180), range(10), range(10))
-        for cell in [tuple(cell)]
-    ]
-    file = tiny_truth.write_labels(tmp_path / "later.csv", rows)
-    on = ("--mission", folder.parent, "--labels", file, *ANY_TIME, "--json")
-    found = json.loads(registered.promote(BAD, *on).out)
+
+    def promoted(candidate, place, last):
+        labels = tiny_dive(place / "later", range(100, last))
+        on = ("--mission", labels.parent, "--labels", labels, *ANY_TIME, "--json")
+        return json.loads(registered.promote(candidate, *on).out)
+
+    found = promoted(BAD, tmp_path / "long", 180)
     assert found["outcome"] == "refused" and found["faults"][0].startswith("worse on dive later")
-    for number in range(140, 180):
-        (folder / f"later_L_{number}.png").unlink()
-    tiny_truth.write_labels(file, [row for row in rows if row[2] < 140])
-    found = json.loads(registered.promote(SAME, *on).out)
+    found = promoted(SAME, tmp_path / "short", 140)
     assert found["mode"] == "mission" and found["table"][0]["dive"] == "later"
     # Two blocks show nothing, and what shows nothing lets nothing through.
     assert found["table"][0]["remark"] == "2 blocks are too few to tell"
@@ -127,7 +116,7 @@ def test_dives_of_its_own_decide_where_mission_names_them(registered, tiny_truth
     assert found["outcome"] == "refused" and fault.startswith("too few blocks to tell anything")
 
 
-def test_what_cannot_be_promoted_is_one_line(registered, monkeypatch):
+def test_what_cannot_be_promoted_is_one_line(registered):
     for words, arguments in {
         "--max-ms is a time above 0": (GOOD, "--max-ms", "nan"),
         "--force needs the reason": (GOOD, "--force", " "),
@@ -139,17 +128,6 @@ def test_what_cannot_be_promoted_is_one_line(registered, monkeypatch):
     registered.promote(GOOD)
     ran = registered.promote(SAME, "--labels", "x.csv")
     assert ran.code == 2 and "go with --mission" in ran.err
-    recipe = Registry.recipe
-
-    def another(self, version):
-        found = recipe(self, version)
-        if version.label == SAME:
-            found["provenance"] |= {"dataset_hash": "0" * 64, "dataset": "part@0000"}
-        return found
-
-    monkeypatch.setattr(Registry, "recipe", another)
-    ran = registered.promote(SAME, "--force", "in a hurry")
-    assert ran.code == 2 and "train both on one dataset, or give --mission DIR" in ran.err
     assert registered.registry.find("tiny-lbp@champion").label == GOOD
 
 

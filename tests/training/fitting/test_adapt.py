@@ -3,11 +3,9 @@
 import json
 import shutil
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
-import cv2
 import mlflow
 import numpy as np
 import pandas as pd
@@ -16,41 +14,30 @@ import pytest
 from tests.calls import refuses
 from tests.fixtures import quiet, write_labels
 from tokt.models.registry.registry import Registry
-from tokt.models.water import WaterPrior
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.fitting import adapt
-from tokt.training.fitting.adapt import _more, adaptation, adapted_request, known_model
+from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
 from tokt.training.fitting.classifier import decision_values, fit_rows
 from tokt.training.fitting.train import fit_and_measure
-from tokt.training.fitting.whole_frames import WholeFrames, judged
 
 FRAMES = (2, 3, 9, 13, 17, 21, 26, 30, 34, 38)
 FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
 
 
-def dive(folder, tiny, tiny_truth, name, gain, frames=range(1, 41), labelled=None):
-    """The tiny mission in other light, as a dive of its own; its label file."""
-    (folder / name / "Left").mkdir(parents=True)
-    for frame in frames:
-        image = cv2.imread(str(tiny.path / "Left" / f"tiny_L_{frame}.png"), cv2.IMREAD_UNCHANGED)
-        changed = cv2.convertScaleAbs(image, alpha=gain, beta=9 * (gain - 1))
-        cv2.imwrite(str(folder / name / "Left" / f"{name}_L_{frame}.png"), changed)
-    rows = [row for row in tiny_truth.labels(name) if row[2] in (labelled or frames)]
-    return folder / name, write_labels(folder / f"{name}.csv", rows)
-
-
 @pytest.fixture(scope="module")
-def three(tiny, tiny_truth, done, told, tmp_path_factory):
+def three(tiny_dive, begun, done, told, tmp_path_factory):
     """A model of two dives, which are gone since; a third dive of which some frames are labelled.
 
     The workspace, what `tokt adapt` told, the new dive, and the old version's dataset.
     """
     folder = tmp_path_factory.mktemp("adapt")
-    where = ("--workspace", folder / ".tokt")
-    old = [dive(folder, tiny, tiny_truth, *one) for one in (("one", 1.0), ("two", 1.4))]
-    new = dive(folder, tiny, tiny_truth, "night", 0.6, labelled=FRAMES)
+    where = ("--workspace", begun(folder / ".tokt"))
+    asked = {"one": (1.0, None), "two": (1.4, None), "night": (0.6, FRAMES)}
+    *old, new = (
+        (folder / name, tiny_dive(folder / name, range(1, 41), *how)) for name, how in asked.items()
+    )
 
     def build(name, *missions):
         given = [text for path, file in missions for text in ("--mission", path, "--labels", file)]
@@ -61,9 +48,8 @@ def three(tiny, tiny_truth, done, told, tmp_path_factory):
     train = ("--extractor", "lbp", "--preset", "plain", "--embargo", 1, "--confidence", 0.7)
     done("train", "old", *train, "--frame-rule", "2/3", "--name", "tower", *where)
     done("models", "alias", "tower", "champion", *where)
-    for path, file in old:
+    for path, _ in old:
         shutil.rmtree(path)
-        file.unlink()
     files = folder / "page.html", folder / "tower-1.tokt", folder / "again.tokt"
     done("export", "tower/1", "-o", files[1], *where)
     given = ("--mission", new[0], "--labels", new[1], "--draws", 4, "-o", files[0], *where)
@@ -73,6 +59,12 @@ def three(tiny, tiny_truth, done, told, tmp_path_factory):
         **{"workspace": folder / ".tokt", "found": found, "new": new, "before": before},
         **{"whole": whole, "files": files},
     }
+
+
+@pytest.fixture
+def adapted(three, tmp_path):
+    """A copy of its workspace that a test may change."""
+    return shutil.copytree(three["workspace"], tmp_path / ".tokt")
 
 
 @pytest.fixture(scope="module")
@@ -199,91 +191,42 @@ def test_gained_and_lost_are_what_a_fit_of_ones_own_says(three, again):
     assert told["lost"]["one"]["before"] == {key: before[key] for key in FIGURES}
 
 
-def test_where_the_boundary_moves_with_the_water_it_moves_here_too(again):
-    """Before and after, from the model's own prior, over the frames of the new dive."""
-    known, data, trained, cache = again
-    prior = WaterPrior(-1.5, 0.5, 0.4, 0.4, 0.2)
-    point = replace(known.bundle.operating_point, water=prior)
-    settings = replace(known.settings, moving_boundary=True)
-    moving = replace(known, settings=settings, bundle=replace(known.bundle, operating_point=point))
-    gained = adaptation(moving, trained, "night", cache, quiet, 1, 1)["gained"]
-    spec = known.bundle.extractor.spec
-    features = cached_features(data, spec, cache, quiet, 1, whole_frames=True)
-    whole = WholeFrames.of(data, features)
-    mission, frame = (data.patches[name].to_numpy() for name in ("mission", "frame"))
-    new, targets = mission == "night", data.targets()
-    nine = new & (frame == 9)
-    for said, learnt, tested in (
-        (gained["before"], ~new, new),
-        (gained["frames"][2]["after"], ~nine, nine),
-    ):
-        own = np.flatnonzero(learnt), known.choice, settings, (), mission
-        judge, rows = partial(decision_values, fit_rows(features, targets, *own)), tested.nonzero()
-        values, still = (judged(judge, features, *rows, whole, one)[:, 0] for one in (prior, None))
-        assert said["f1"] == obstacle_metrics(targets[tested] == 1, values)["f1"]
-        assert (values != still).any()
-
-
-def test_its_rate_is_unknown_until_it_shows_water_frames_in_a_row(
-    three, tiny_truth, tmp_path, told
-):
-    """The ten labelled frames are not in a row; then all forty are labelled."""
+def test_its_rate_is_unknown_as_its_water_frames_are_not_in_a_row(three):
     assert three["found"]["operating_point"]["chosen"]["rate_unknown_in"] == ["night"]
     assert three["found"]["adaptation"]["rate_unknown"]
     assert "unknown" in three["found"]["adaptation"]["words"][-1]
-    workspace = tmp_path / ".tokt"
-    shutil.copytree(three["workspace"], workspace)
-    labels = write_labels(tmp_path / "all.csv", tiny_truth.labels("night"))
+
+
+def test_two_neighbour_frames_tell_nothing(three, adapted, tiny_truth, tmp_path, done):
+    rows = [row for row in tiny_truth.labels("night") if row[2] in (5, 6)]
+    labels = write_labels(tmp_path / "few.csv", rows)
     given = ("--mission", three["new"][0], "--labels", labels, "--draws", 1)
-    given += ("--workspace", workspace)
-    found = told("adapt", "tower/1", *given)
-    assert not found["adaptation"]["rate_unknown"]
-    assert "rate_unknown_in" not in found["operating_point"]["chosen"]
-
-
-def test_one_frame_or_two_neighbours_tell_nothing(three, tiny_truth, tmp_path, told, done):
-    workspace = tmp_path / ".tokt"
-    shutil.copytree(three["workspace"], workspace)
-    labels = tmp_path / "few.csv"
-    given = ("--mission", three["new"][0], "--labels", labels, "--workspace", workspace)
-    for frames in ((5,), (5, 6)):
-        write_labels(labels, [row for row in tiny_truth.labels("night") if row[2] in frames])
-        if len(frames) == 2:
-            found = told("adapt", "tower/1", *given)["adaptation"]
-        else:
-            said = done("adapt", "tower/1", *given).out
-    assert found["gained"] is None and "cannot be told" in found["words"][0]
-    assert "too few frames are labelled" in found["words"][2]
-    assert found["lost"]["one"]["after"]["f1"] is not None
+    said = done("adapt", "tower/1", *given, "--workspace", adapted).out
     assert "which did not learn of night" in said
     assert "Gained on night: cannot be told" in said and "labelled frames   F1: mean" in said
+    assert "too few frames are labelled" in said
 
 
 def test_what_the_new_dive_shares_with_the_old_is_not_tested(
-    three, tiny, tiny_truth, tmp_path, told
+    three, adapted, tiny, tiny_dive, tmp_path, told
 ):
     """Frame 9 is a picture of dive `one`: its block has been learnt from, as good as."""
-    workspace = tmp_path / ".tokt"
-    shutil.copytree(three["workspace"], workspace)
-    path, labels = dive(tmp_path, tiny, tiny_truth, "copy", 0.6, labelled=FRAMES)
+    path = tmp_path / "copy"
+    labels = tiny_dive(path, range(1, 41), 0.6, labelled=FRAMES)
     shutil.copyfile(tiny.path / "Left" / "tiny_L_9.png", path / "Left" / "copy_L_9.png")
     shutil.copyfile(path / "Left" / "copy_L_30.png", path / "Left" / "copy_L_17.png")
-    given = ("--mission", path, "--labels", labels, "--workspace", workspace)
+    given = ("--mission", path, "--labels", labels, "--draws", 1, "--workspace", adapted)
     found = told("adapt", "tower/1", *given)["adaptation"]
     assert found["labelled"]["of_old_blocks"] == 1  # frame 9 alone of block 8 to 11
     tested = [one["frame"] for one in found["gained"]["frames"]]
     assert tested == [frame for frame in FRAMES if frame != 9]
-    data = open_dataset("old", workspace / "datasets")
+    data = open_dataset("old", adapted / "datasets")
     groups = data.frames.set_index(["mission", "frame"]).group
     assert groups["copy", 9] == groups["one", 9] and groups["copy", 17] == groups["copy", 30]
 
 
-def test_what_cannot_be_adapted_is_refused_in_one_line(
-    three, tiny, trained, tmp_path, refused, done
-):
-    workspace = tmp_path / ".tokt"
-    shutil.copytree(three["workspace"], workspace)
-    where, (path, labels) = ("--workspace", workspace), three["new"]
+def test_what_cannot_be_adapted_is_refused_in_one_line(three, adapted, tiny, tmp_path, refused):
+    where, (path, labels) = ("--workspace", adapted), three["new"]
     first = f"label 5 to 10 of its frames: tokt label {path} --model tower. Key q"
     refused("no label store", "adapt", "tower", "--mission", path, *where)
     refused(first, "adapt", "tower", "--mission", path, *where)
@@ -301,54 +244,16 @@ def test_what_cannot_be_adapted_is_refused_in_one_line(
     twice.write_text("".join(f'[[mission]]\nname = "{n}"\ndir = "{path}"\nlabels = "{labels}"\n'
                              for n in ("a", "b")))  # fmt: skip
     refused("one new dive at a time", "adapt", "tower", "--mission", twice, *where)
-    thesis = ("--extractor", "lbp", "--preset", "thesis", "--name", "thesis")
-    done("train", "old", *thesis, *where)
-    refused("thesis/1 learnt from two images, not from dives", "adapt", "thesis", *given)
-    (table,) = (workspace / "datasets" / "old").glob(f"{three['before']['hash'][:16]}/patches.*")
+    (table,) = (adapted / "datasets" / "old").glob(f"{three['before']['hash'][:16]}/patches.*")
     pd.read_parquet(table).replace("ocean", "reef").to_parquet(table)
     refused("has been changed on disk", "adapt", "tower/1", *given)
 
 
 def test_a_model_of_one_dive_learns_a_second(workspace, three, told):
     """Then whole dives are held out; what is lost is told of the blocks that it held out."""
-    given = ("--mission", three["new"][0], "--labels", three["new"][1], "--workspace", workspace)
+    given = ("--mission", three["new"][0], "--labels", three["new"][1], "--draws", 1)
+    given += ("--workspace", workspace)
     before = Registry(workspace).recipe(Registry(workspace).find("tiny-lbp"))["metrics"]["patch"]
     found = told("adapt", "tiny-lbp", *given)
     assert "whole dives" in found["cv"]["split"] and found["model"]["version"] == "2"
     assert found["adaptation"]["lost"]["tiny"]["before"]["f1"] == before["f1"]
-
-
-def curve(last, *changes):
-    """A curve whose second half brought these changes."""
-    points = {0: 0.0, 1: 0.1, last // 2: 0.2, last: None}
-    return [
-        {"labelled": at, "changes": [(0.2 + one) if by is None else by for one in changes]}
-        for at, by in sorted(points.items())
-    ]
-
-
-def test_more_labels_in_words():
-    assert _more(curve(8, 0.03, 0.02, 0.05, 0.0)).startswith(
-        "they would probably help, the next as much at most: from 4 to 8"
-    )
-    assert "+0.025 (+0.000 to +0.050 in 4 drawn orders)" in _more(curve(8, 0.03, 0.02, 0.05, 0.0))
-    assert "hardly help, the curve is flat" in _more(curve(8, 0.01, -0.01, -0.01, 0.01))
-    assert "cannot be told whether" in _more(curve(8, 0.2, -0.05, -0.04, 0.01))
-    for few in (curve(8, 0.3, 0.3), curve(2, 0.3, 0.3, 0.3)):
-        assert "too few frames are labelled" in _more(few)
-
-
-def test_one_old_dive_is_no_dives():
-    figures = {"before": {"f1": 0.8}, "after": {"f1": 0.8}, "change": 0.0}
-    told = {"mission": "new", "gained": None, "curve": curve(2, 0.3), "rate_unknown": False}
-    for count, dives in ((1, "1 old dive,"), (2, "2 old dives,")):
-        words = adapt._words({**told, "lost": {str(number): figures for number in range(count)}})
-        assert any(f"Elsewhere, {dives} held out as before" in each for each in words)
-
-
-def test_a_damaged_run_is_said_to_be_one(three, monkeypatch):
-    registry = Registry(three["workspace"])
-    was = registry.parameters(registry.find("tower/1"))
-    monkeypatch.setattr(registry, "parameters", lambda version: {**was, "setting_scale": "'x'"})
-    refuses("its list of parameters does not fit", known_model, registry, "tower/1",
-            three["workspace"] / "datasets")  # fmt: skip
