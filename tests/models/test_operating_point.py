@@ -122,3 +122,10 @@ def test_an_operating_point_is_the_same_after_json(rule):
 )
 def test_a_rule_out_of_bounds_is_refused_in_words(wrong):
     refuses("frame rule", MofNRule.from_json, {**MofNRule().to_json(), **wrong})
+
+
+def test_a_patch_seen_before_a_gap_and_not_now_is_not_clear_yet():
+    """With the frame in the gap known it might have been 2 of 3."""
+    state = MofNState(MofNRule(0.5, 1, 2, 3))
+    frames = ([0.0], [0.0], [1.0], None, [0.0], [0.0])
+    assert [_added(state, scores) for scores in frames] == [0, 0, 0, -1, -1, 0]

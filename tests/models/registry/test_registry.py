@@ -9,7 +9,7 @@ import mlflow
 import pytest
 
 from tests.calls import free_port, refuses
-from tokt.models.bundle.bundle import bundle_from_bytes
+from tokt.models.bundle.bundle import bundle_from_bytes, read_bundle
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 
@@ -151,3 +151,13 @@ def test_a_server_that_is_down_is_said_in_seconds(workspace, run_tokt, monkeypat
     assert ran.code == 2
     said = f"tokt: error: the model registry at http://127.0.0.1:{port}"
     assert ran.err.splitlines()[-1].startswith(said)
+
+
+def test_an_exported_bundle_says_where_it_comes_from(trained, tiny_bundle):
+    bundle = read_bundle(tiny_bundle)
+    provenance = bundle.content.provenance
+    assert provenance["dataset_hash"] == open_dataset("tiny", trained / "datasets").hash
+    assert provenance["mlflow_run_id"] == Registry(trained).find("tiny-lbp").run_id
+    assert len(bundle.content.trained_on) == 40
+    assert len(bundle.content.golden.frames) == 2
+    assert "cross-validation over whole blocks" in bundle.content.card

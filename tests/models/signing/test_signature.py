@@ -535,3 +535,15 @@ def test_the_format_1_bundle_can_be_signed(keys, store):
     assert store.deploy(bundle).signed_by == keys["boat"].public.id
     fresh = bundle_from_bytes(bundle_bytes(bundle.content), "new")
     assert fresh.signature is None, "a bundle made anew has nobody's signature"
+
+
+def test_a_name_edited_by_hand_is_printable_in_what_distrusts_it(guarded, keys):
+    file = guarded.path / "keys.json"
+    file.write_text(file.read_text().replace('"boat"', r'"a\nb\u001b[2J"'))
+    assert guarded.distrust(keys["boat"].public.id).name == "a b?[2J"
+
+
+@pytest.mark.parametrize("passphrase", ["x" * 5000, "\udcf8"])
+def test_a_passphrase_that_cannot_be_used(passphrase, tmp_path):
+    refuses("this passphrase cannot be used", write_key_pair, tmp_path / "k", passphrase)
+    assert not list(tmp_path.iterdir())

@@ -443,3 +443,21 @@ def test_a_reason_typed_in_another_encoding(store, bundles, monkeypatch):
     entry = store.deploy(bundles["a"], "b\udcf8lge \x1b[2J")
     assert (entry.who, entry.reason) == ("bj?rn", "b?lge ?[2J")
     check_consistent(store)
+
+
+def test_history_lost(store, bundles):
+    store.deploy(bundles["a"])
+    (store.path / "history.jsonl").unlink()
+    check_consistent(store)
+    store.deploy(bundles["b"])
+    assert story(store) == ["deploy a", "deploy b"]
+    check_consistent(store)
+
+
+def test_a_broken_active_bundle_is_shown_with_a_warning(store, bundles):
+    store.deploy(bundles["a"])
+    assert store_summary(store)["provenance"] == bundles["a"].content.provenance
+    store.bundle_file(bundles["a"].sha256).write_bytes(bundles["a"].data[:-1])
+    found = store_summary(store)
+    assert found["active"]["name"] == "a" and found["provenance"] is None
+    assert len(found["warnings"]) == 1 and "not the one that was deployed" in found["warnings"][0]

@@ -29,7 +29,7 @@ from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import Fold, blocked_folds
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
-from tokt.training.fitting import cross_validation
+from tokt.training.fitting import classifier, cross_validation
 from tokt.training.fitting.classifier import decision_values, fit_classifier, fit_rows, linear_model
 from tokt.training.fitting.cross_validation import (
     HeldOutPredictions,
@@ -533,26 +533,51 @@ def test_three_classes_are_scored_by_class(fabricate):
 # --- very many patches -------------------------------------------------------------------------
 
 
-def test_of_many_patches_some_are_learnt_from_and_count_for_all():
-    """Dives of other lengths and water: each counts as much as where all its patches do."""
+def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
+    """Three dives, one of them short, and 12 patches of a rare class among 30,000."""
     rng = np.random.default_rng(5)
-    dives = np.repeat([0, 1, 2], [12_000, 2_850, 150])
-    targets = (rng.random(15_000) < 0.1).astype(np.int64)
-    targets[rng.choice(15_000, 12, replace=False)] = 2
-    noise = rng.normal(0, 0.4, (2, 15_000))
-    features = np.column_stack([targets + noise[0] - dives, dives + noise[1]])
-    settings = replace(PLAIN, landmarks=40)
-    asked = targets, np.arange(15_000), Hyperparameters(1.0)
-    first, again, whole = (
+    dives = np.repeat([0, 1, 2], [24_000, 5_700, 300])
+    targets = (rng.random(30_000) < 0.1).astype(np.int64)
+    targets[rng.choice(30_000, 12, replace=False)] = 2
+    features = np.column_stack([targets + rng.normal(0, 0.4, 30_000), rng.normal(size=30_000)])
+    settings = replace(PLAIN, landmarks=40, max_samples=2_000)
+    seen = []
+
+    def spy(*args):
+        seen.append(args)
+        return fit_classifier(*args)
+
+    monkeypatch.setattr(classifier, "fit_classifier", spy)
+    asked = targets, np.arange(30_000), Hyperparameters(1.0)
+    fits = [
         fit_rows(features, *asked, replace(settings, max_samples=most), (), dives)
-        for most in (1_500, 1_500, 15_000)
-    )
-    np.testing.assert_array_equal(first["svc"].coef_, again["svc"].coef_)
-    # The same landmarks as of all patches, and so nearly the same model.
+        for most in (2_000, 2_000, 30_000)
+    ]
+    (learnt, known, _, _, weights, *_), _, (*_, every, _, _) = seen
+    assert len(learnt) == len(known) == len(weights) == 2_000 and (known == 2).sum() > 5
+    at = {row: n for n, row in enumerate(features[:, 1].tolist())}
+    rows = [at[row] for row in learnt[:, 1].tolist()]
+    assert len(set(rows)) == 2_000 and (features[rows] == learnt).all()
+    assert (targets[rows] == known).all()
+    share = pd.Series(weights).groupby([dives[rows], known]).sum() / weights.sum()
+    expected = pd.Series(every).groupby([dives, targets]).sum() / every.sum()
+    expected = expected[share.index] / expected[share.index].sum()
+    np.testing.assert_allclose(share, expected, rtol=1e-9)
+    assert np.allclose(share.groupby(level=0).sum(), 1 / 3, atol=0.01)
+    # Short of patches of a class in most dives, the class counts as much as before.
+    many = np.repeat(np.arange(3_000), 10)
+    fit_rows(features, *asked, replace(settings, max_samples=1_000), (), many)
+    _, known, _, _, weights, *_ = seen[-1]
+    few = pd.Series(weights).groupby(known).sum() / weights.sum()
+    even = pd.Series(np.ones(30_000)).groupby(targets).sum() / 30_000
+    np.testing.assert_allclose(few, even, rtol=1e-9)
+    # The same landmarks as of all patches, and so nearly the same model; each time the same.
+    first, again, whole = fits
     np.testing.assert_array_equal(first["map"].component_indices_, whole["map"].component_indices_)
     assert np.abs(first["map"].components_ - whole["map"].components_).max() < 0.1
-    agree = first.predict(features) == whole.predict(features)
-    assert agree.mean() > 0.98 and agree[dives == 2].mean() > 0.95
+    np.testing.assert_array_equal(first["svc"].coef_, again["svc"].coef_)
+    agree = [first, whole] = [one.predict(features) for one in (first, whole)]
+    assert (agree[0] == agree[1]).mean() > 0.98
 
 
 @pytest.mark.parametrize("what", ["mission", "group"])
