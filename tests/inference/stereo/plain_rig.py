@@ -1,6 +1,7 @@
 """A rig whose frames are rectified already, of two equal cameras; frames of the sea trial."""
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ def unfit_pairs(left: np.ndarray, right: np.ndarray) -> dict[str, Frame]:
     }
 
 
+@cache
 def lamp_light() -> np.ndarray:
     """A view of open water in a lamp's light, which falls off from left below the middle."""
     rows, columns = np.indices((HEIGHT, WIDTH), np.float64)
@@ -59,8 +61,14 @@ def lamp_light() -> np.ndarray:
 
 def lit_sea(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Both views of it with the cameras' noise; grey levels, float64."""
-    noise = np.random.default_rng(seed).normal(0, 0.6, (2, HEIGHT, WIDTH))
-    return lamp_light() + noise[0], lamp_light() + noise[1]
+    left, right = (np.roll(each, (7 * seed, 13 * seed), (0, 1)) for each in _sensor_noise())
+    return lamp_light() + left, lamp_light() + right
+
+
+@cache
+def _sensor_noise() -> np.ndarray:
+    """Of two cameras; moved about it is another frame's, and sooner than drawn anew."""
+    return np.random.default_rng(0).normal(0, 0.6, (2, HEIGHT, WIDTH))
 
 
 def sea_trial(mission: Path, camera: str, number: int) -> np.ndarray:

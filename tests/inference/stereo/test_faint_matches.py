@@ -1,12 +1,15 @@
 import csv
+from itertools import count
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from tests.features.kernels.each_kernel import changed
 from tests.inference.test_faults import hold_row
 from tokt.features.frames.grid import Grid
+from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import guarded
 from tokt.inference.reason import Reason
@@ -55,103 +58,87 @@ def status(found) -> int:
     return -1 if found.mask is None else verdict_from_mask(found.mask, "disparity").status
 
 
-def statuses(frames, detector=None):
-    detector = DisparityDetector(PLAIN, Grid()) if detector is None else detector
+def judged(frames, stereo=DisparityDetector):
+    """What a detector that has seen nothing before says of each frame."""
+    detector = stereo(PLAIN, Grid())
     return [detector.detect(frame) for frame in frames]
 
 
+def pairs(numbers, draw=faint_pair, *more):
+    return [Frame(number, 0.0, *draw(number, *more)) for number in numbers]
+
+
 BOTH = pytest.mark.parametrize("stereo", [DisparityDetector, PushbroomDetector])
+AFTER_SOME = "obstacle; before, unknown `frame_rule` while frames are not known"
+
+
+def hold(fault: str, said: str = "unknown `stereo`") -> None:
+    hold_row(fault, said, "frames by reason")
 
 
 @BOTH
 def test_what_one_pair_shows_too_faintly_is_an_obstacle_after_four_of_six(stereo):
-    frames = (Frame(n, 0.0, *faint_pair(n)) for n in range(1, 6))
-    found = statuses(frames, stereo(PLAIN, Grid()))
+    found = judged(pairs(range(1, 6)), stereo)
     assert [status(one) for one in found] == [-1, -1, -1, 1, 1]
-    assert found[0].fault.reason is Reason.FRAME_RULE and found[0].vetoes_clear
-    assert (
-        found[3].distance_m == pytest.approx(5.0, rel=0.03) and "4 of the last 6" in found[3].note
-    )
+    assert [one.fault.reason for one in found[:3]] == [Reason.FRAME_RULE] * 3
+    assert found[0].vetoes_clear and "4 of the last 6" in found[3].note
+    assert found[3].distance_m == pytest.approx(5.0, rel=0.03)
     x, y, width, height = verdict_from_mask(found[3].mask, "disparity").box
     assert x <= 740 * 360 / 1360 <= x + width and y <= 440 * 271 / 1024 <= y + height
+    hold("too faint for one pair, there in 4 of 6 (stereo)", AFTER_SOME)
 
 
 def test_it_is_held_while_four_of_six_frames_have_it_and_then_the_water_is_clear():
-    seen = [Frame(n, 0.0, *faint_pair(n)) for n in range(1, 7)]
-    gone = [Frame(n, 0.0, *faint_pair(n, None)) for n in range(7, 11)]
-    assert [status(one) for one in statuses([*seen, *gone])[6:]] == [1, 1, 0, 0]
+    found = judged([*pairs(range(1, 7)), *pairs(range(7, 11), faint_pair, None)])
+    assert [status(one) for one in found[6:]] == [1, 1, 0, 0]
 
 
 def test_a_frame_that_is_missing_is_no_frame_without_it():
-    water = [Frame(n, 0.0, *faint_pair(n, None)) for n in range(1, 7)]
-    one = Frame(7, 0.0, *faint_pair(7))
-    assert status(statuses([*water, one])[-1]) == 0
-    late = Frame(10, 0.0, *faint_pair(10), missed=3)
-    found = statuses([*water, late])[-1]
-    assert found.mask is None and found.fault.reason is Reason.FRAME_RULE
+    water = pairs(range(1, 7), faint_pair, None)
+    one, late = Frame(7, 0.0, *faint_pair(7)), Frame(10, 0.0, *faint_pair(10), missed=3)
+    *_, after_one, after_more = judged([*water, one, late])
+    assert status(after_one) == 0
+    assert after_more.mask is None and after_more.fault.reason is Reason.FRAME_RULE
 
 
 def test_a_pair_at_which_the_detector_fails_is_no_frame_without_it():
-    detector = DisparityDetector(PLAIN, Grid())
-    statuses((Frame(n, 0.0, *faint_pair(n, None)) for n in range(1, 7)), detector)
-    matcher, detector._matcher = detector._matcher, None
-    for number in range(7, 11):
-        found = guarded(detector, Frame(number, 0.0, *faint_pair(number)))
-        assert found.fault.reason is Reason.DETECTOR_FAILED
-    detector._matcher = matcher
+    def failing(*arguments):
+        if broken:
+            raise MemoryError("out of memory")
+        return KERNELS.block_disparity(*arguments)
+
+    broken = False
+    detector = DisparityDetector(PLAIN, Grid(), kernels=changed(KERNELS, block_disparity=failing))
+    for frame in pairs(range(1, 7), faint_pair, None):
+        assert detector.detect(frame).fault.reason is not Reason.DETECTOR_FAILED
+    broken = True
+    for frame in pairs(range(7, 11)):
+        assert guarded(detector, frame).fault.reason is Reason.DETECTOR_FAILED
+    broken = False
     assert detector.detect(Frame(11, 0.0, *faint_pair(11))).fault.reason is Reason.FRAME_RULE
 
 
 @BOTH
 def test_faint_texture_that_stays_and_matches_nowhere_is_unknown(stereo):
-    # 0.6 m away: nearer than is searched.
-    frames = (Frame(n, 0.0, *faint_pair(n, 690)) for n in range(1, 7))
-    found = statuses(frames, stereo(PLAIN, Grid()))
+    found = judged(pairs(range(1, 7), faint_pair, 690), stereo)  # 0.6 m: nearer than is searched
     assert all(one.mask is None and one.vetoes_clear for one in found)
-    assert "do not match" in found[-1].fault
+    assert "do not match" in found[-1].fault and found[-1].fault.reason is Reason.STEREO
+    hold("faint texture that stays and matches nowhere (stereo)")
 
 
 @BOTH
 def test_a_sea_floor_too_faint_for_one_pair_is_an_obstacle(stereo):
-    frames = (Frame(n, 0.0, *sea_floor(n)) for n in range(1, 8))
-    assert [status(one) for one in statuses(frames, stereo(PLAIN, Grid()))] == [-1] * 3 + [1] * 4
-    hold_row(
-        "sea floor 3 m away, of 0.9 grey levels' texture (stereo)",
-        "obstacle; before, unknown `frame_rule` while frames are not known",
-        "frames by reason",
-    )
+    found = judged(pairs(range(1, 6), sea_floor), stereo)
+    assert [status(one) for one in found] == [-1] * 3 + [1] * 2
+    hold("sea floor 3 m away, of 0.9 grey levels' texture (stereo)", AFTER_SOME)
 
 
 @BOTH
 def test_an_edge_that_only_the_left_camera_sees_is_unknown(stereo):
-    frames = (Frame(n, 0.0, *edge_alone(n)) for n in range(1, 8))
-    found = statuses(frames, stereo(PLAIN, Grid()))
+    found = judged(pairs(range(1, 8), edge_alone), stereo)
     assert all(one.mask is None and one.vetoes_clear for one in found)
     assert {one.fault.reason for one in found} == {Reason.STEREO}
-    hold_row(
-        "a tower's edge that the left camera alone sees (stereo)",
-        "unknown `stereo`",
-        "frames by reason",
-    )
-
-
-def test_the_documented_rows_of_what_is_faint():
-    found = statuses(Frame(n, 0.0, *faint_pair(n)) for n in range(1, 6))
-    assert [one.fault.reason for one in found[:3]] == [Reason.FRAME_RULE] * 3 and found[
-        3
-    ].mask.any()
-    hold_row(
-        "too faint for one pair, there in 4 of 6 (stereo)",
-        "obstacle; before, unknown `frame_rule` while frames are not known",
-        "frames by reason",
-    )
-    found = statuses(Frame(n, 0.0, *faint_pair(n, 690)) for n in range(1, 7))
-    assert found[-1].fault.reason is Reason.STEREO
-    hold_row(
-        "faint texture that stays and matches nowhere (stereo)",
-        "unknown `stereo`",
-        "frames by reason",
-    )
+    hold("a tower's edge that the left camera alone sees (stereo)")
 
 
 def hazy(view: np.ndarray) -> np.ndarray:
@@ -189,63 +176,55 @@ TURNED = {
 }
 
 
-def judged_with(change, sides: str, stereo=DisparityDetector):
-    """The sixth pair of open water with one or both views changed."""
-    detector = stereo(PLAIN, Grid())
-    for number in range(1, 7):
+@pytest.fixture(scope="module", params=[DisparityDetector, PushbroomDetector])
+def in_open_water(request):
+    """A function that judges one more pair of open water, with a change to some of its views.
+
+    The six pairs before were open water, which alone is clear.
+    """
+    detector, numbers = request.param(PLAIN, Grid()), count(1)
+
+    def judge(change=None, sides=""):
+        number = next(numbers)
         views = [
             change(view) if side in sides else view
             for side, view in zip("lr", lit_sea(number), strict=True)
         ]
         pictures = [np.ascontiguousarray(view.round().clip(0, 255), np.uint8) for view in views]
-        found = detector.detect(Frame(number, 0.0, *pictures))
-    return found
+        return detector.detect(Frame(number, 0.0, *pictures))
+
+    assert [status(judge()) for _ in range(6)][-1] == 0
+    return judge
 
 
-@BOTH
-def test_open_water_is_clear(stereo):
-    assert status(judged_with(None, "", stereo)) == 0
-
-
-@BOTH
 @pytest.mark.parametrize("sides", ["lr", "l", "r"])
 @pytest.mark.parametrize("name", LOST)
-def test_water_that_has_lost_its_contrast_is_unknown(name, sides, stereo):
-    found = judged_with(LOST[name], sides, stereo)
+def test_water_that_has_lost_its_contrast_is_unknown(name, sides, in_open_water):
+    found = in_open_water(LOST[name], sides)
     assert found.mask is None
     if sides == "lr":  # one alone is also much brighter than the other
         assert found.vetoes_clear and found.fault.reason is Reason.STEREO
-    hold_row(
-        "open water in haze, under glow, inverted, enlarged or blurred (stereo)",
-        "unknown `stereo`",
-        "frames by reason",
-    )
+    hold("open water in haze, under glow, inverted, enlarged or blurred (stereo)")
 
 
 def test_a_pair_that_is_not_believed_is_no_frame_without_it():
-    water = [Frame(n, 0.0, *faint_pair(n, None)) for n in range(1, 7)]
+    water = pairs(range(1, 7), faint_pair, None)
     views = [[hazy(view).round().astype(np.uint8) for view in lit_sea(n)] for n in range(7, 11)]
     lost = [Frame(7, 0.0, *pair) for pair in views]
-    found = statuses([*water, *lost, Frame(11, 0.0, *faint_pair(11))])
+    found = judged([*water, *lost, Frame(11, 0.0, *faint_pair(11))])
     assert [status(one) for one in found[5:]] == [0, -1, -1, -1, -1, -1]
-    hold_row(
+    hold(
         "haze while something faint comes into view, then none (`disparity`)",
         f"unknown `{found[-2].fault.reason}`, then unknown `{found[-1].fault.reason}`",
-        "frames by reason",
     )
 
 
-@BOTH
 @pytest.mark.parametrize("sides", ["l", "r"])
 @pytest.mark.parametrize("name", TURNED)
-def test_a_view_turned_against_the_other_is_unknown_in_open_water_too(name, sides, stereo):
-    found = judged_with(TURNED[name], sides, stereo)
+def test_a_view_turned_against_the_other_is_unknown_in_open_water_too(name, sides, in_open_water):
+    found = in_open_water(TURNED[name], sides)
     assert found.mask is None and found.vetoes_clear and "not alike" in found.fault
-    hold_row(
-        "one view turned or mirrored, in open water (stereo)",
-        "unknown `stereo`",
-        "frames by reason",
-    )
+    hold("one view turned or mirrored, in open water (stereo)")
 
 
 @BOTH
@@ -253,7 +232,7 @@ def test_one_picture_in_both_places_is_unknown(stereo):
     left, _ = faint_pair(1, None)
     found = stereo(PLAIN, Grid()).detect(Frame(1, 0.0, left, left.copy()))
     assert found.mask is None and found.vetoes_clear and "one and the same" in found.fault
-    hold_row("one camera's picture in both places (stereo)", "unknown `stereo`", "frames by reason")
+    hold("one camera's picture in both places (stereo)")
 
 
 @pytest.mark.mission
