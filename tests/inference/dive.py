@@ -32,10 +32,15 @@ class Faulty(TextureDetector):
     """A detector that a test makes do what no detector should."""
 
     before: Callable[[Frame], None] = staticmethod(lambda frame: None)
+    judging = False
 
     def detect(self, frame: Frame) -> Detection:
-        self.before(frame)
-        return super().detect(frame)
+        self.judging = True
+        try:
+            self.before(frame)
+            return super().detect(frame)
+        finally:
+            self.judging = False
 
 
 @dataclass
@@ -119,7 +124,7 @@ class Dive:
         frame = self.source.frame(picture, **more)
         self.truth[frame.t] = what
         self.delivered += 1
-        self.source._frames.put(frame)
+        self.source.deliver(frame)
 
     def pass_on(self) -> None:
         """Wait until all frames have come to the loop, or were overtaken before they could."""
@@ -127,10 +132,16 @@ class Dive:
 
     def silence(self) -> None:
         """Let so much time pass, while no verdict is said, that unknown is."""
-        publisher = self._runtime._publisher
-        said = publisher._seq
-        self.clock.now += 1.25 * self.limits.heartbeat_s
-        self.until(lambda: publisher._seq > said)
+        with self.something_said():
+            self.clock.now += 1.25 * self.limits.heartbeat_s
+
+    @contextmanager
+    def something_said(self) -> Iterator[None]:
+        """Wait until more has been sent than before, by whichever thread."""
+        sender = self._own[-1]
+        sent = sender.sent
+        yield
+        self.until(lambda: sender.sent > sent)
 
     def fault(self, fault: Fault = NO_FAULT, **more: Any) -> None:
         """Deliver a frame without a picture."""
@@ -143,14 +154,14 @@ class Dive:
     @contextmanager
     def under_way(self) -> Iterator[None]:
         """Run the loop."""
-        self._runtime = Runtime(
+        runtime = Runtime(
             *(self.source, self.policy, [*self.senders, *self._own], self.clock),
             observers=[*self.observers, self.listener],
             limits=self.limits,
             events=self.events,
             between=self.between,
         )
-        with looping(self._runtime) as self.ended:
+        with looping(runtime) as self.ended:
             yield
         for sender in self._own:
             sender.close()
@@ -162,10 +173,6 @@ class Dive:
             healthy(self)
             yield
             healthy(self)
-
-    def taken_up(self) -> bool:
-        """Whether a frame is being judged."""
-        return self._runtime._publisher._judging_since is not None
 
     def outcome(self) -> Outcome:
         """What was heard; no datagram said clear but of a frame of clear water."""

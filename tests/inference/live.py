@@ -87,7 +87,11 @@ class HandSource:
 
     def give(self, left: NDArray[np.uint8] | None, age_s: float = 0.0, **more: object) -> None:
         """Deliver a picture as the next frame."""
-        self._frames.put(self.frame(left, age_s, **more))
+        self.deliver(self.frame(left, age_s, **more))
+
+    def deliver(self, frame: Frame) -> None:
+        """Deliver a frame that was made before."""
+        self._frames.put(frame)
 
     def fail(self, error: Exception) -> None:
         """Raise in the source's thread."""

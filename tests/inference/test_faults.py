@@ -56,6 +56,7 @@ from .live import BROADCAST, Sent, bound_socket, refuse
 from .policy import named_object as named
 from .sources.video.encoding import encode
 from .sources.video.packets import transport_stream
+from .still_water import dithered, flickering, jpeg, light, water, with_bit, with_clock
 
 TABLE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
 RNG = np.random.default_rng(7)
@@ -377,28 +378,7 @@ def test_a_frozen_camera():
     row("a frozen camera: the same picture again", outcome, "frames by reason: frozen")
 
 
-STILL = 40 - 20 * np.add.outer(np.linspace(-1, 1, 271) ** 2, np.linspace(-1, 1, 360) ** 2) / 2
-"""The light in water before a vehicle that keeps station."""
-
-
-def water() -> np.ndarray:
-    """A new picture of it, with the noise of a sensor."""
-    return np.clip(STILL + RNG.normal(0, 1, STILL.shape), 0, 255).round().astype(np.uint8)
-
-
-def jpeg(picture: np.ndarray, quality: int) -> np.ndarray:
-    data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
-
-
-def with_bit(picture: np.ndarray, number: int) -> np.ndarray:
-    changed = picture.copy()
-    changed[number * 40, number * 50] ^= 1
-    return changed
-
-
-def with_clock(picture: np.ndarray, number: int) -> np.ndarray:
-    return np.asarray(cv2.putText(picture.copy(), f"{number}", (5, 20), 0, 0.6, (255,), 2))
+STILL = light(40, 20, 271, 360)
 
 
 FROZEN: dict[str, Callable[[list[np.ndarray], int], np.ndarray]] = {
@@ -410,16 +390,14 @@ FROZEN: dict[str, Callable[[list[np.ndarray], int], np.ndarray]] = {
     "a frozen camera: a bit changes": lambda seen, n: with_bit(seen[-1], n),
     "a frozen camera: a clock in the corner goes on": lambda seen, n: with_clock(seen[-1], n),
     "a frozen camera: compressed otherwise each time": lambda seen, n: jpeg(seen[-1], 98 - 2 * n),
-    "a frozen camera: noise of a grey level on it": lambda seen, n: np.asarray(
-        seen[-1] + RNG.integers(-1, 2, STILL.shape), np.uint8
-    ),
-    "a frozen camera: its light flickers by 1 %": lambda seen, n: np.asarray(
-        seen[-1] * (1.01 - n % 2 / 50), np.uint8
-    ),
+    "a frozen camera: noise of a grey level on it": lambda seen, n: dithered(seen[-1]),
+    "a frozen camera: its light flickers by 1 %": lambda seen, n: flickering(seen[-1], n),
     "a frozen camera: the picture rolls": lambda seen, n: np.roll(seen[-1], n, n % 2),
-    "half of the picture is frozen": lambda seen, n: np.vstack([water()[:135], seen[-1][135:]]),
+    "half of the picture is frozen": lambda seen, n: np.vstack(
+        [water(STILL)[:135], seen[-1][135:]]
+    ),
     "a row of patches is frozen": lambda seen, n: np.vstack(
-        [water()[:108], seen[-1][108:135], water()[135:]]
+        [water(STILL)[:108], seen[-1][108:135], water(STILL)[135:]]
     ),
 }
 
@@ -427,7 +405,7 @@ FROZEN: dict[str, Callable[[list[np.ndarray], int], np.ndarray]] = {
 @pytest.mark.parametrize("fault", FROZEN)
 def test_a_camera_that_gives_what_it_gave_before(fault):
     dive = Dive()
-    seen = [water() for _ in range(4)]
+    seen = [water(STILL) for _ in range(4)]
     with dive.fault_between():
         for picture in seen:
             dive.give("clear", picture)
@@ -440,7 +418,7 @@ def test_a_camera_that_gives_what_it_gave_before(fault):
 
 def test_a_frozen_camera_with_every_other_frame_black():
     dive = Dive()
-    seen, black = water(), np.zeros((271, 360), np.uint8)
+    seen, black = water(STILL), np.zeros((271, 360), np.uint8)
     with dive.fault_between():
         dive.give("clear", seen)
         for _ in range(3):
@@ -526,7 +504,7 @@ def test_frames_faster_than_they_are_judged():
         dive.detector.before = lambda frame: go.wait(MAX_S) and None
         judged = len(dive.listener.reports)
         dive.give_at_once("clear")
-        dive.until(lambda: dive.taken_up())
+        dive.until(lambda: dive.detector.judging)
         dive.give_at_once("obstacle", "clear", "clear", "obstacle")
         dive.pass_on()
         go.set()
@@ -856,9 +834,8 @@ def test_a_live_view_that_fails(fault, monkeypatch):
 
 def suspend(dive: Dive) -> None:
     """The computer stands still for 5 s; then what is said first is that nothing was."""
-    said = dive._runtime._publisher._seq
-    dive.clock.suspend(5.0)
-    dive.until(lambda: dive._runtime._publisher._seq > said)
+    with dive.something_said():
+        dive.clock.suspend(5.0)
 
 
 @pytest.mark.parametrize(
@@ -887,7 +864,7 @@ def test_a_suspend_while_a_frame_waits():
         judged = len(dive.listener.reports)
         dive.detector.before = lambda frame: go.wait(MAX_S) and None
         dive.give_at_once("fault")
-        dive.until(dive.taken_up)
+        dive.until(lambda: dive.detector.judging)
         dive.give_at_once("fault")
         dive.pass_on()
         suspend(dive)

@@ -1,3 +1,5 @@
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -9,9 +11,11 @@ from tokt.inference.frame import Frame
 from tokt.inference.frozen_frames import COMPARED, REMEMBERED, StuckFrameDetector
 from tokt.inference.reason import Reason
 
-RNG = np.random.default_rng(3)
+from .still_water import RNG, dithered, flickering, jpeg, light, water, with_bit, with_clock
+
 START = RNG.bit_generator.state
 HEIGHT, WIDTH = 270, 480
+LIGHT = light(60, 20, HEIGHT, WIDTH)
 
 
 @pytest.fixture(autouse=True)
@@ -21,44 +25,6 @@ def the_same_noise_whatever_was_tested_before():
 
 def noise() -> NDArray[np.uint8]:
     return RNG.integers(0, 255, (100, 60), np.uint8)
-
-
-def water(light, sigma=1.0, rng=RNG) -> NDArray[np.uint8]:
-    """Still water before a vehicle that keeps station: light as it was, and a sensor's noise."""
-    return np.clip(light + rng.normal(0, sigma, light.shape), 0, 255).round().astype(np.uint8)
-
-
-def light(brightest, darkest, height=HEIGHT, width=WIDTH) -> NDArray[np.float64]:
-    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
-    return brightest - (brightest - darkest) * (x**2 + y**2) / 2
-
-
-LIGHT = light(60, 20)
-
-
-def jpeg(picture, quality) -> NDArray[np.uint8]:
-    data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED))
-
-
-def dithered(picture) -> NDArray[np.uint8]:
-    return np.asarray(picture + RNG.integers(-1, 2, picture.shape), np.uint8)
-
-
-def label(picture, number) -> NDArray[np.uint8]:
-    """With a clock in its corner."""
-    shown = picture.copy()
-    return np.asarray(cv2.putText(shown, f"{number}", (5, 20), 0, 0.6, (255, 255, 255), 2))
-
-
-def with_bit(picture, number) -> NDArray[np.uint8]:
-    other = picture.copy()
-    other[number * 7 % len(other), number * 5 % other.shape[1]] ^= 1
-    return other
-
-
-def brighter(picture, factor) -> NDArray[np.uint8]:
-    return np.asarray(np.clip(picture * factor, 0, 255), np.uint8)
 
 
 def faults(pictures) -> list[str]:
@@ -115,36 +81,37 @@ def test_buffers_that_go_round_are_told_where_each_picture_is_changed_as_well(bu
     assert not any(told[: 4 + buffers]) and all(told[4 + buffers : -1]) and not told[-1]
 
 
+@cache
+def roughness(number) -> NDArray[np.float64]:
+    """Of a finely textured wall, twice as rough as noise."""
+    rough = np.random.default_rng(number).normal(0, 1, (HEIGHT + 60, WIDTH + 60))
+    smooth = cv2.GaussianBlur(rough, (0, 0), 0.7)
+    return 2.0 / smooth.std() * smooth
+
+
 def wall(number, moved_px, share=1.0) -> NDArray[np.uint8]:
-    """A finely textured wall, twice as rough as noise, of which a share is in the picture."""
-    texture = cv2.GaussianBlur(
-        np.random.default_rng(number).normal(0, 1, (HEIGHT + 60, WIDTH + 60)), (0, 0), 0.7
-    )
+    """A wall, of which a share is in the picture."""
     shift = np.float64([[1, 0, -moved_px], [0, 1, -moved_px / 2]])
-    seen = cv2.warpAffine(texture, shift, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
-    return water(LIGHT + 2.0 / texture.std() * share * seen)
+    seen = cv2.warpAffine(roughness(number), shift, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
+    return water(LIGHT + share * seen)
 
 
-def stopping(number, steps_px):
-    """Pictures of a wall that comes into view, and before which the vehicle comes to rest."""
-    places = np.cumsum(steps_px)
-    return [wall(number, at, min(n / 10, 1.0)) for n, at in enumerate(places)]
-
-
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("number", range(2))
 @pytest.mark.parametrize(
     ("slows", "rest_px"), [(0.0, 0.1), (0.5, 0.1), (0.5, 0.0), (0.75, 0.1), (0.75, 0.0)]
 )
-def test_a_wall_before_a_vehicle_on_station_is_no_frozen_picture(seed, slows, rest_px):
-    """It stops at once, or more and more slowly; then it drifts a little, or not at all."""
-    steps = [2.5] * 10 + [rest_px + 2.5 * slows**n for n in range(1, 30)]
-    before, pictures = [water(LIGHT) for _ in range(12)], stopping(seed, steps)
-    assert faults([*before, *pictures]) == [""] * 51
-    again = faults([*before, *pictures, pictures[-3], pictures[-2]])
-    assert not any(again[:-2]) and all("earlier picture again" in words for words in again[-2:])
+def test_a_wall_before_a_vehicle_on_station_is_no_frozen_picture(number, slows, rest_px):
+    """It comes into view; the vehicle stops at once or slowly, then drifts a little or not."""
+    places = np.cumsum([2.5] * 10 + [rest_px + 2.5 * slows**n for n in range(1, 30)])
+    before = [water(LIGHT) for _ in range(12)]
+    pictures = [wall(number, at, min(n / 10, 1.0)) for n, at in enumerate(places)]
+    told = faults([*before, *pictures, pictures[-3], pictures[-2]])
+    assert not any(told[:-2]) and all("earlier picture again" in words for words in told[-2:])
 
 
-LAMP = np.where(light(1, 0) > 0.825, 40.0, -20.0)  # a quarter of the picture is lit, the rest black
+LAMP = np.where(
+    light(1, 0, HEIGHT, WIDTH) > 0.825, 40.0, -20.0
+)  # a quarter of the picture is lit, the rest black
 
 
 @pytest.mark.parametrize("quieter", [LIGHT, LAMP])
@@ -166,14 +133,14 @@ def test_a_picture_repeated_within_the_limits_is_no_ring():
 
 AT_ONCE = {
     "one bit": with_bit,
-    "a clock in the corner": label,
-    "a clock, compressed": lambda picture, number: jpeg(label(picture, number), 90),
+    "a clock in the corner": with_clock,
+    "a clock, compressed": lambda picture, number: jpeg(with_clock(picture, number), 90),
     "compressed otherwise each time": lambda picture, number: jpeg(
         picture, (95, 90, 85, 80)[number % 4]
     ),
     "dithered": lambda picture, number: dithered(picture),
     "dithered and compressed": lambda picture, number: jpeg(dithered(picture), 90),
-    "flickering": lambda picture, number: brighter(picture, 1.01 - number % 2 / 50),
+    "flickering": flickering,
     "rolling down": lambda picture, number: np.roll(picture, number, 0),
     "rolling sideways": lambda picture, number: np.roll(picture, number, 1),
     "its lower half": lambda picture, number: np.vstack([water(LIGHT)[:135], picture[135:]]),
@@ -185,8 +152,10 @@ AT_ONCE = {
 }
 
 
-@pytest.mark.parametrize("change", AT_ONCE)
-@pytest.mark.parametrize("colour", [False, True])
+@pytest.mark.parametrize(
+    ("change", "colour"),
+    [*((change, False) for change in AT_ONCE), ("dithered", True), ("rolling down", True)],
+)
 def test_a_frozen_picture_that_is_changed_is_told_at_once(change, colour):
     before = [water(LIGHT, 1.5) for _ in range(4)]
     pictures = before + [AT_ONCE[change](before[-1], number) for number in range(1, 13)]
@@ -235,16 +204,15 @@ def test_a_black_picture_every_other_time_does_not_hide_a_frozen_one():
 
 @pytest.mark.study
 @pytest.mark.parametrize("sigma", [0.7, 3.0])
-def test_ten_thousand_pictures_of_still_water_are_all_new(sigma):
+def test_thousands_of_pictures_of_still_water_are_all_new(sigma):
     rng, still = np.random.default_rng(5), light(40, 6, 120, 160)
     some = rng.normal(0, sigma, (40, *still.shape))  # noise put together of two each time
     some /= np.sqrt(2)
 
     def pictures():
-        for number in range(10_000):
+        for number in range(4_000):
             one, two = some[number % 40], some[(number * 7 + number // 40) % 39]
-            shift = number // 40
-            drawn = still + one + np.roll(two, shift, 1)[:, ::-1]
+            drawn = still + one + np.roll(two, number // 40, 1)[:, ::-1]
             yield np.clip(drawn, 0, 255).round().astype(np.uint8)
 
     assert not any(faults(pictures()))
@@ -256,7 +224,7 @@ def test_ten_thousand_pictures_of_still_water_are_all_new(sigma):
 @pytest.mark.parametrize("sigma", [0.7, 1.5, 3.0])
 def test_compressed_still_water_is_new_each_time(quality, levels, sigma):
     still, rng = light(*levels, 271, 360), np.random.default_rng(6)
-    assert not any(faults(jpeg(water(still, sigma, rng), quality) for _ in range(150)))
+    assert not any(faults(jpeg(water(still, sigma, rng), quality) for _ in range(75)))
 
 
 @pytest.mark.mission
