@@ -49,7 +49,7 @@ def targets(draw: st.DrawFn, side: int) -> int:
 
 
 @pytest.mark.skipif(not SUMS_AS_X86, reason="OpenCV adds up in another order here")
-@examples(300)
+@examples(200)
 @given(data=st.data())
 def test_what_other_processors_add_up_is_what_opencv_gives_on_x86(data):
     high, wide = data.draw(SIDES), data.draw(SIDES)
@@ -61,7 +61,7 @@ def test_what_other_processors_add_up_is_what_opencv_gives_on_x86(data):
 
 
 @fast
-@examples(300)
+@examples(200)
 @given(data=st.data())
 def test_any_size(kernels, data):
     high, wide = data.draw(SIDES), data.draw(SIDES)
@@ -94,11 +94,11 @@ def test_sums_halfway_between_two_grey_levels(kernels, down, across, depth):
 
 @fast
 @pytest.mark.parametrize("size", [(1500, 2000), (2000, 700), (700, 3000)])
-@pytest.mark.parametrize("target", [(3, 4), (5, 5), (1, 1), (7, 2), (11, 60)])
+@pytest.mark.parametrize("target", [(3, 4), (1, 1), (11, 60)])
 def test_reductions_by_hundreds(kernels, size, target):
     """Rounding adds up over so many pixels, and differently in each order of adding."""
     rng = np.random.default_rng(5)
-    for level in (128, 200, 254):
+    for level in (128, 254):
         check(kernels, (level + (rng.random(size) < 0.5)).astype(np.uint8), *target)
     for grey in (255, 254):
         check(kernels, np.full(size, grey, np.uint8), *target)
@@ -145,7 +145,7 @@ def test_any_layout(kernels, depth):
 @pytest.mark.mission
 @pytest.mark.parametrize("camera", ["Left", "Right"])
 def test_mission_frames(camera, mission):
-    paths = sorted((mission / camera).iterdir())[::3]  # `tokt bench --mission` compares them all
+    paths = sorted((mission / camera).iterdir())[::20]  # `tokt bench --mission` compares them all
     assert paths
     for path in paths:
         for flag in (cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE):

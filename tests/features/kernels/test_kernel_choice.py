@@ -16,7 +16,8 @@ PARTS = ("labels", "training", "models", "inference")
 NAME_AND_WHY = (
     "from tokt.features.kernels.dispatch import KERNELS; print(KERNELS.name, '|', KERNELS.why)"
 )
-LIBRARIES = "import sys; print({'skimage', 'mahotas', 'scipy'} & set(sys.modules))"
+LIBRARIES = "import sys; print(sorted({'skimage', 'mahotas', 'scipy'} & set(sys.modules)))"
+A_RUN = ("-m", "tokt", "run", "--bundle", "model.tokt", "--source", "dive")
 DESCRIBE = (
     "import numpy as np; from tokt.features.frames.grid import Grid; "
     "from tokt.features.extractors.extractor import extractor_named as named; "
@@ -65,49 +66,35 @@ def test_compiled_unless_asked_otherwise():
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param("compiled", marks=needs_compiled), "numpy", "library"]
+    ("name", "imported"),
+    [
+        pytest.param("compiled", set(), marks=needs_compiled),
+        ("numpy", set()),
+        ("library", {"skimage", "mahotas", "scipy"}),
+    ],
 )
-def test_the_variable_chooses(name):
-    assert run("-c", NAME_AND_WHY, kernels=name) == (0, f"{name} | TOKT_KERNELS={name}\n", "")
+def test_the_variable_chooses_and_fast_kernels_import_no_library(name, imported):
+    code, out, err = run("-c", f"{NAME_AND_WHY}; {DESCRIBE}; {LIBRARIES}", kernels=name)
+    assert code == 0, err
+    assert out == f"{name} | TOKT_KERNELS={name}\n{sorted(imported)}\n"
 
 
-@pytest.mark.parametrize("name", [pytest.param("compiled", marks=needs_compiled), "numpy"])
-def test_fast_kernels_import_no_library(name):
-    assert run("-c", f"{DESCRIBE}; {LIBRARIES}", kernels=name) == (0, "set()\n", "")
-
-
-def test_the_library_kernels_do():
-    code, out, _ = run("-c", f"{DESCRIBE}; {LIBRARIES}", kernels="library")
-    assert code == 0 and "skimage" in out and "mahotas" in out
-
-
-@pytest.mark.parametrize("value", ["nonsense", "Compiled", "numpy,compiled", " "])
-def test_an_unknown_name_is_one_line(value, tiny_bundle, tmp_path):
-    command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
-    code, out, err = run(*command, kernels=value)
-    assert (code, out) == (2, "")
-    words = "unknown kernels (choose from compiled, numpy, library)"
-    assert err == f"tokt: error: TOKT_KERNELS={value}: {words}\n"
-
-
-def test_load_kernels_refuses_unknown_names():
-    for name in ("", "native", "NUMPY"):
+def test_an_unknown_name_is_one_line():
+    for name in ("", "nonsense", "NUMPY", "numpy,compiled", " "):
         refuses("unknown kernels", load_kernels, name)
+    words = "unknown kernels (choose from compiled, numpy, library)"
+    said = f"tokt: error: TOKT_KERNELS=Compiled: {words}\n"
+    assert run(*A_RUN, kernels="Compiled") == (2, "", said)
 
 
 def test_numpy_where_nothing_is_compiled(without_extension):
     code, out, err = run("-c", f"{DESCRIBE}; {NAME_AND_WHY}", path=without_extension)
     assert (code, err) == (0, "")
     assert out.startswith("numpy | no compiled ones: they were not built; install a platform's")
-
-
-def test_compiled_asked_for_but_not_there(without_extension, tiny_bundle, tmp_path):
-    command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
-    code, out, err = run(*command, kernels="compiled", path=without_extension)
-    assert (code, out) == (2, "")
+    code, out, err = run(*A_RUN, kernels="compiled", path=without_extension)
+    assert (code, out, err.count("\n")) == (2, "", 1)
     words = "TOKT_KERNELS=compiled: not on this machine: they were not built"
     assert err.startswith(f"tokt: error: {words}")
-    assert err.count("\n") == 1
 
 
 def test_an_extension_built_from_other_sources_is_not_used():

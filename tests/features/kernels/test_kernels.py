@@ -19,7 +19,7 @@ from tokt.features.kernels import reference
 from tokt.features.kernels.dispatch import Kernels
 from tokt.features.kernels.quantization import Quantization
 
-from .drawn import Image, examples, paint, painted, pictures
+from .drawn import Image, examples, paint, pictures
 from .each_kernel import COMPILED_KERNELS, NUMPY_KERNELS, fast, needs_compiled
 from .exact_haralick import exact_haralick, matrices, spreads
 
@@ -164,31 +164,6 @@ def test_haralick_equals_mahotas(drawn, ignore_zeros):
             assert (np.abs(one - two) <= allowed).all(), (one, two, allowed)
 
 
-@needs_compiled
-@examples(60)
-@given(drawn=pictures(), ignore_zeros=st.booleans())
-def test_numpy_haralick_equals_compiled(drawn, ignore_zeros):
-    gray, grid = drawn
-    one = COMPILED_KERNELS.haralick_features(gray, grid, ignore_zeros)
-    two = NUMPY_KERNELS.haralick_features(gray, grid, ignore_zeros)
-    for patch, row, other in zip(grid.cells(gray), one, two, strict=True):
-        _, allowed = exact_haralick(patch, ignore_zeros, ROUNDING)
-        assert (np.abs(row - other) <= allowed).all()
-
-
-@fast
-@examples(50)
-@given(drawn=pictures(4_000), ignore_zeros=st.booleans())
-def test_turned_and_mirrored_patches_have_the_same_haralick_features(kernels, drawn, ignore_zeros):
-    """The four directions map onto each other."""
-    patch = drawn[1].cells(drawn[0])[0]
-    found = kernels.haralick_features(patch, ONE, ignore_zeros)[0]
-    _, allowed = exact_haralick(patch, ignore_zeros, ROUNDING)
-    for other in (patch.T, patch[::-1], patch[:, ::-1], np.rot90(patch)):
-        again = kernels.haralick_features(other, ONE, ignore_zeros)[0]
-        assert (np.abs(again - found) <= allowed).all()
-
-
 @fast
 @pytest.mark.parametrize("level", [0, 1, 128, 255])
 @pytest.mark.parametrize("ignore_zeros", [False, True])
@@ -277,7 +252,7 @@ def test_threads_of_the_caller(kernels):
     """Several Python threads, pictures of several sizes, each with two threads of its own."""
     work = [
         (paint("noise", (3 * high, 4 * wide), high, 0, 0), Grid(3, 4, None))
-        for high, wide in [(3, 5), (40, 80), (27, 36), (33, 65), (8, 129), (70, 9)] * 3
+        for high, wide in [(3, 5), (40, 80), (27, 36), (33, 65), (8, 129), (70, 9)] * 2
     ]
     expected = [described(kernels, *one) for one in work]
     with ThreadPoolExecutor(4) as pool:
@@ -314,21 +289,6 @@ def test_what_was_computed_before_does_not_matter(kernels):
     again = [described(kernels, picture, grid) for picture in (small, large)]
     for one, two in zip(first, again, strict=True):
         assert all(map(same_bits, one, two))
-
-
-@needs_compiled
-def test_what_the_scratch_memory_holds_does_not_matter():
-    from tokt.features.kernels.compiled_kernels import SCRATCH
-
-    gray, grid = paint("noise", (80, 150), 1, 0, 0), Grid(2, 3, None)
-    expected = described(COMPILED_KERNELS, gray, grid)
-    for lbp, area in ((np.nan, 127.5), (np.inf, 255.0), (-1e300, -0.5)):
-        for use, scratch in SCRATCH.of.items():
-            kind = {"lbp": np.float64, "quantize": np.float64, "area": np.float32}.get(use, np.int8)
-            size = len(scratch.memory) // np.dtype(kind).itemsize
-            filled = lbp if use == "lbp" else area if kind != np.int8 else int(area) - 128
-            np.frombuffer(scratch.memory, kind, size)[:] = filled
-        assert all(map(same_bits, expected, described(COMPILED_KERNELS, gray, grid)))
 
 
 # What is not a gray picture in C order.
@@ -377,9 +337,9 @@ NOT_GRAY: dict[str, Any] = {
     "four dimensions": PIXELS[None, :, :, None],
     "two channels": np.zeros((30, 40, 2), np.uint8),
     "four channels": np.zeros((30, 40, 4), np.uint8),
+    **{f"{shape}": np.zeros(shape, np.uint8) for shape in ((0, 0), (0, 40), (30, 0), (0, 40, 3))},
 }
 FIRST = np.array([[0, 1]])
-EMPTY = [(0, 0), (0, 40), (30, 0)]
 Calls = list[tuple[str, Any]]
 
 
@@ -403,16 +363,8 @@ def calls(kernels: Kernels, *more: Any) -> Calls:
 @pytest.mark.parametrize("name", NOT_GRAY)
 def test_no_picture(kernels, name):
     for _, call in calls(kernels):
-        with pytest.raises((TypeError, ValueError)):
-            call(NOT_GRAY[name])
-
-
-@fast
-@pytest.mark.parametrize("shape", [*EMPTY, (0, 40, 3), (30, 0, 3)])
-def test_no_pixels(kernels, shape):
-    for _, call in calls(kernels):
         with pytest.raises((TypeError, ValueError, ToktError)):
-            call(np.zeros(shape, np.uint8))
+            call(NOT_GRAY[name])
 
 
 @fast
@@ -424,8 +376,8 @@ def test_bgr_has_no_texture(kernels):
 
 
 @fast
-@pytest.mark.parametrize("rows", [4, 10**9, 10**30])  # with what fits into no memory
-@pytest.mark.parametrize("shape", [(8, 40), (40, 8), (2, 2), (1, 1), (11, 12)])
+@pytest.mark.parametrize("rows", [4, 10**30])  # with what fits into no memory
+@pytest.mark.parametrize("shape", [(8, 40), (40, 8), (1, 1), (11, 12)])
 def test_patches_under_3_pixels(kernels, shape, rows):
     gray, grid = np.zeros(shape, np.uint8), Grid(rows, 4, None)
     for border in ("patch", "frame"):
@@ -461,13 +413,3 @@ def test_threads_out_of_range(kernels, threads):
     ]:
         with pytest.raises((TypeError, ValueError)):
             call(PIXELS)
-
-
-@fast
-@examples(15)
-@given(data=st.data())
-def test_the_picture_is_left_alone(kernels, data):
-    gray = data.draw(painted((30, 40)))
-    before = gray.copy()
-    described(kernels, gray, Grid(2, 2, None), 2)
-    assert np.array_equal(gray, before)

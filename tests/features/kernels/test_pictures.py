@@ -1,6 +1,7 @@
 """16-bit gray pictures, their levels and how often they occur: all kernels give the same bits."""
 
 from fractions import Fraction
+from math import ceil, floor
 
 import cv2
 import numpy as np
@@ -45,12 +46,11 @@ def exact_pixel(frame: Image, height: int, width: int, row: int, column: int) ->
     gray = (frame.astype(int) @ (1868, 9617, 4899)).tolist()
     down, across = Fraction(len(frame), height), Fraction(frame.shape[1], width)
     total = Fraction(0)
-    for y in range(len(frame)):
-        high = min(Fraction(y + 1), (row + 1) * down) - max(Fraction(y), row * down)
-        for x in range(frame.shape[1]):
-            wide = min(Fraction(x + 1), (column + 1) * across) - max(Fraction(x), column * across)
-            if high > 0 and wide > 0:
-                total += gray[y][x] * high * wide
+    for y in range(floor(row * down), ceil((row + 1) * down)):
+        high = min(y + 1, (row + 1) * down) - max(y, row * down)
+        for x in range(floor(column * across), ceil((column + 1) * across)):
+            wide = min(x + 1, (column + 1) * across) - max(x, column * across)
+            total += gray[y][x] * high * wide
     return int(total / (down * across) * 256 / 16384 + Fraction(1, 2))
 
 
@@ -72,18 +72,6 @@ def test_near_opencv_on_floats(kernels, size):
     small = cv2.resize(frame.astype(np.float64), (width, height), interpolation=cv2.INTER_AREA)
     gray = small @ np.array((1868, 9617, 4899)) / 16384
     assert np.abs(kernels.resized_gray16(frame, height, width) / 256 - gray).max() <= 1 / 256
-
-
-@fast
-def test_what_one_picture_keeps(kernels):
-    """Frames of one grey have it exactly; a tenth of a level is seen, where plain ones lose it."""
-    for grey in (0, 1, 127, 255):
-        for shape in ((40, 56), (40, 56, 3)):
-            found = kernels.resized_gray16(np.full(shape, grey, np.uint8), 9, 30)
-            assert (found == 256 * grey).all()
-    frame = np.full((100, 100), 60, np.uint8)
-    frame[::3, ::3] = 61
-    assert np.abs(kernels.resized_gray16(frame, 10, 10) / 256 - 60 - 1 / 9).max() < 0.06
 
 
 @fast
@@ -138,29 +126,6 @@ def test_levels_by_their_definition(kernels, by):
         exact = apart * 5 * 64 / 256 + 32 + 0.5
         level = int(kernels.quantize(gray16, Quantization(5, 64, 3, 7, by))[y, x])
         assert level == min(max(np.floor(exact), 0), 63) or abs(exact - round(exact)) < 1e-9
-
-
-@fast
-def test_each_option_has_an_effect(kernels):
-    gray16 = kernels.resized_gray16(paint("noise", (200, 300, 3), 1, 0, 0), 50, 80)
-    usual = Quantization(2, 64, 3, 21)
-    others = [(2.1, 64, 3, 21), (2, 63, 3, 21), (2, 64, 1, 21), (2, 64, 3, 23), (2, 64, 3, 0)]
-    others += [(2, 64, 3, 21, by) for by in (RATIO, FRAME)]
-    found = kernels.quantize(gray16, usual)
-    for other in others:
-        assert not np.array_equal(kernels.quantize(gray16, Quantization(*other)), found), other
-
-
-@fast
-def test_a_fall_of_light_is_taken_away(kernels):
-    """A step of half a grey level under a ramp of 60: lost in whole levels, plain here."""
-    ramp = np.linspace(20, 80, 360)[None, :] + np.zeros((271, 1))
-    ramp[100:140, 150:200] += 0.5
-    gray16 = np.round(ramp * 256).astype(np.uint16)
-    found = kernels.quantize(gray16, Quantization(64, 256, 1, 121)).astype(int)
-    inside, outside = found[105:135, 155:195], found[20:60, 150:200]
-    assert 20 <= inside.mean() - outside.mean() <= 32
-    assert np.abs(outside - 128).max() <= 2
 
 
 @fast
