@@ -177,10 +177,3 @@ PLACE = spec("place")
 )
 def test_refused_specs(words, wrong):
     refuses(words, build_extractor, wrong)
-
-
-@pytest.mark.parametrize("name", ["water", "water_gray", "water+haralick", "lines+water"])
-def test_names(name):
-    extractor = extractor_named(name)
-    assert build_extractor(extractor.spec).spec == extractor.spec
-    assert len(set(extractor.names)) == extractor.dim

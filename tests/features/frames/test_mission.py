@@ -83,12 +83,6 @@ def test_unreadable_frames_are_frame_errors(tmp_path):
     assert (found.read(3) == 3).all()
 
 
-def test_a_camera_without_frames_is_none(tmp_path):
-    _write(tmp_path / "Left" / "l_1.png", 1)
-    (tmp_path / "Right").mkdir()
-    assert open_mission(tmp_path).cameras == ("left",)
-
-
 def test_refused_folders(tmp_path):
     refuses("does not exist", open_mission, tmp_path / "none")
     refuses("no frames", open_mission, tmp_path)
