@@ -184,10 +184,6 @@ def test_options_of_a_file_that_would_do_nothing_are_refused(tmp_path, run_tokt)
     assert ran.code == 2 and "unknown source 'dive'" in ran.err
 
 
-def test_a_run_without_a_source_says_so(run_tokt):
-    assert run_tokt("run").err == "tokt: error: Missing option '--source'.\n"
-
-
 def test_help_groups_every_option_by_its_section(run_tokt):
     helped = run_tokt("run", "--help").out
     titles = re.findall(r"^(\w+):$", helped, re.MULTILINE)
@@ -197,12 +193,6 @@ def test_help_groups_every_option_by_its_section(run_tokt):
         assert re.search(rf"^  --{option.key}\b", parts[option.section.capitalize()], re.MULTILINE)
         words = " ".join(helped.split())
         assert option.text.split()[0] in words
-
-
-def test_what_an_option_needs_and_excludes_are_options():
-    for option in OPTIONS.values():
-        assert {*option.needs, *([option.not_with] if option.not_with else [])} <= OPTIONS.keys()
-    assert len(OPTIONS) == sum(len(kind.__annotations__) for kind in SECTIONS.values())
 
 
 def test_a_start_says_every_option_that_verdicts_depend_on(tmp_path):

@@ -102,17 +102,6 @@ def test_silence_is_broken_by_unknown_with_the_reason(publisher, sent, hand_cloc
     assert publisher.heartbeats() == []
 
 
-def test_frames_that_there_was_no_time_for_are_told(publisher, hand_clock):
-    frame = a_frame(hand_clock)
-    publisher.begin(frame)
-    report = publisher.publish(frame, Judgement(EMPTY), left_out=2)
-    assert (report.verdict.status, report.verdict.reason) == (CLEAR, Reason.OVERLOAD)
-    assert report.verdict.health == "overload: no time for 2 frames before this one"
-    publisher.begin(frame)
-    blind = publisher.publish(frame, Judgement(BLIND), left_out=1)
-    assert blind.verdict.reason is Reason.DARK and "no time for 1 frame" in blind.verdict.health
-
-
 def test_a_replay_as_fast_as_it_can_has_no_old_frames(sent, hand_clock):
     publisher = ReportPublisher([sent], hand_clock, Limits(), live=False)
     frame = a_frame(hand_clock)

@@ -1,5 +1,4 @@
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -51,27 +50,6 @@ def test_every_frame_has_a_line_whatever_happens_to_it(
     assert summary.latency_ms_max == pytest.approx(20.0)
 
 
-def test_no_receiver_never_slows_or_stops_the_loop(
-    make_mission, noise_scorer, closed_port, tmp_path
-):
-    folder = make_mission([[(1, 1)]] * 40)
-    senders = [UdpSender("127.0.0.1", closed_port, version) for version in (1, 2)]
-    took: list[float] = []
-    for sender in senders:
-        send = sender.send
-
-        def timed(report, send=send):
-            start = time.perf_counter()
-            send(report)
-            took.append(time.perf_counter() - start)
-
-        sender.send = timed
-    summary, found = logged(folder, tmp_path, TextureDetector(noise_scorer), senders=senders)
-    assert len(found) == summary.frames == 40
-    assert summary.sent + summary.send_failures == 80
-    assert np.median(took) < 0.1  # one that waited for an answer would wait a second and more
-
-
 def test_datagrams_carry_what_the_log_says_and_its_decision_values_are_exact(
     make_mission, noise_scorer, receiver, tmp_path
 ):
@@ -88,18 +66,12 @@ def test_datagrams_carry_what_the_log_says_and_its_decision_values_are_exact(
 PICTURE = np.zeros((4, 4), np.uint8)
 
 
-def settled(buffer: LatestFrameBuffer, overtaken: int) -> None:
-    """Wait until the source's thread has passed everything on."""
-    until(lambda: buffer._overtaken >= overtaken)
-    assert buffer._overtaken == overtaken
-
-
 def test_only_the_newest_frame_is_kept_and_what_it_overtook_is_missed():
     source = HandSource()
     buffer = LatestFrameBuffer(source)
     for missed in (0, 0, 2, 0):
         source.give(PICTURE, missed=missed)
-    settled(buffer, 3)
+    until(lambda: source.passed_on == 4)
     frame = buffer.take(POLL_S)
     assert frame is not None and frame.number == 4
     assert (frame.missed, buffer.left_out) == (5, 3)  # frames 1 to 3, and the two before frame 3

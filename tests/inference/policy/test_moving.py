@@ -71,7 +71,7 @@ def test_a_school_is_told_however_the_vehicle_moves(seed, shift, turn_deg):
     st.floats(0.98, 1.04),
     st.floats(-20, 20),
 )
-@settings(max_examples=scaled(40))
+@settings(max_examples=scaled(30))
 def test_what_stands_is_never_lost(seed, shift, turn_deg, growth, parallax):
     """A near thing before a far scene, whatever moves: the vehicle, or what is a rigid vehicle."""
     told, near, far = Told(), texture(seed + 1), texture(seed)

@@ -13,9 +13,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import StereoSetup, assemble
-from tokt.inference.policy.moving import MovingThings
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
-from tokt.inference.policy.temporal_cues import TemporalCues
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
@@ -200,15 +198,6 @@ def test_what_a_policy_lacks_or_has_no_use_for_is_refused(words, name, load, ste
 def test_fallback_without_anything_to_fall_back_on(noise_scorer):
     policy = assemble("fallback", lambda: noise_scorer, None).policy
     assert "there is no stereo calibration" in policy.judge(FRAME).verdict.health
-
-
-def test_the_names_are_fixed(noise_scorer):
-    kinds = {"disparity": SinglePolicy, "either": EitherPolicy, "fallback": FallbackPolicy}
-    for name, kind in kinds.items():
-        load = None if name == "disparity" else lambda: noise_scorer
-        policy = assemble(name, load, STEREO).policy
-        assert isinstance(policy, TemporalCues) and isinstance(policy.policy, MovingThings)
-        assert isinstance(policy.policy.policy, kind)
 
 
 def test_threads_reach_the_detector_and_are_at_least_one():

@@ -12,7 +12,6 @@ from tokt.inference.policy.assembly import StereoSetup, assemble
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.policy.temporal_cues import Anchor, TemporalCues, wholly_in_view
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.report import Report
 from tokt.inference.texture.detector import ReloadableTextureDetector
 from tokt.inference.verdict import Verdict, unknown_verdict
 
@@ -84,12 +83,6 @@ def test_unknown_and_clear_have_none_and_leave_the_means_before_them():
     for verdict in (DARK, NOTHING):
         assert dive.judge(verdict) == verdict
     assert dive.approach(18, 21).expansion_contact_s == pytest.approx(5.0, abs=0.1)
-
-
-def test_a_heartbeat_has_none():
-    fields = Report(3, None, 1.0, None, DARK).fields()
-    names = ("trend", "trend_confidence", "expansion_contact_s", "anchor_x", "anchor_size")
-    assert [fields[name] for name in names] == [None] * 5
 
 
 def test_frames_without_times_have_no_trend():

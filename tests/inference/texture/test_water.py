@@ -59,10 +59,10 @@ def test_the_detector_judges_by_the_boundary_of_the_last_frames():
 
 
 @pytest.mark.parametrize("level", [0.35, 0.8, 3.0])
-def test_an_obstacle_that_fills_the_view_for_1000_frames_is_never_clear(level):
+def test_an_obstacle_that_fills_the_view_for_hundreds_of_frames_is_never_clear(level):
     values = np.full(4, level)
-    policy = SinglePolicy(TextureDetector(Moving([values] * 1000)))
-    said = [policy.judge(frame).verdict.status for frame in frames([0] * 1000)]
+    policy = SinglePolicy(TextureDetector(Moving([values] * 300)))
+    said = [policy.judge(frame).verdict.status for frame in frames([0] * 300)]
     assert said[0] == UNKNOWN and set(said[1:]) == {OBSTACLE}
 
 
