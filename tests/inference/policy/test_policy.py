@@ -200,12 +200,6 @@ def test_fallback_without_anything_to_fall_back_on(noise_scorer):
     assert "there is no stereo calibration" in policy.judge(FRAME).verdict.health
 
 
-def test_threads_reach_the_detector_and_are_at_least_one():
-    assert assemble("texture", NoiseScorer, None, threads=3).texture.detector.threads == 3
-    for threads in (0, -1):
-        refuses("at least one thread", assemble, "texture", NoiseScorer, None, threads)
-
-
 def test_frames_that_disparity_is_not_asked_about_are_missing_to_it():
     asked = []
 

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 from datetime import datetime
+from functools import cache
 
 import cv2
 import numpy as np
@@ -32,6 +33,14 @@ BLIND = {**TODAY, "seq": 3, "frame": 19, "t": 1461146473.0, "status": -1, "reaso
 BEAT = {**BLIND, "seq": 4, "frame": None, "age_ms": 800.0}
 
 
+@cache
+def types_of(name, text):
+    """The types of a schema as it stands in a file."""
+    store = typesys.get_typestore(typesys.Stores.EMPTY)
+    store.register(typesys.get_types_from_msg(text, name))
+    return store
+
+
 def messages(path):
     """Every message by its topic: (log time, what it says), by the schemas that are in the file."""
     found = {}
@@ -43,8 +52,7 @@ def messages(path):
         assert bool(summary.chunk_indexes) == bool(summary.channels)
         for schema, channel, message in reader.iter_messages():
             assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
-            store = typesys.get_typestore(typesys.Stores.EMPTY)
-            store.register(typesys.get_types_from_msg(schema.data.decode(), schema.name))
+            store = types_of(schema.name, schema.data.decode())
             said = store.deserialize_cdr(message.data, schema.name)
             assert message.publish_time == message.log_time
             found.setdefault(channel.topic, []).append((message.log_time, said))

@@ -22,7 +22,7 @@ from tokt.inference.recording.run_start import used_file
 from tokt.inference.replay.findings import find
 from tokt.inference.replay.logged_track import LoggedTrack, open_track
 from tokt.inference.report import CLASSES_BYTES, DATAGRAM_BYTES, FIELDS, WITH_CLASSES, Report
-from tokt.inference.verdict import Verdict, class_boxes
+from tokt.inference.verdict import Verdict
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.linear import LinearModel
 
@@ -118,15 +118,6 @@ def test_a_datagram_fits_whatever_is_seen(name):
     assert len(json.dumps(sent, separators=(",", ":"))) <= CLASSES_BYTES
     alone = decode(encode_v2(Report(1, 1, 0.0, 1.0, replace(verdict, model="m/1", health="ok"))))
     assert len(alone["classes"]) >= 1
-
-
-def test_a_box_is_around_its_patches():
-    boxes = class_boxes({"net": (0, 11), "pipe": (99,)}, GRID, 271, 360)
-    share = 36 * 27 / (360 * 271)
-    assert boxes == {
-        "net": (0, 0, 72, 54, round(2 * share, 3)),
-        "pipe": (324, 243, 36, 27, round(share, 3)),
-    }
 
 
 def test_one_thing_is_one_finding_at_its_place(logged, tmp_path):

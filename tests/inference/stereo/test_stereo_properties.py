@@ -1,7 +1,6 @@
 """Whatever pair comes in: a verdict, never an exception; and geometry held against cv2's own."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -284,12 +283,3 @@ def test_a_mask_of_the_view_is_moved_to_the_left_frame(rig, shape):
     beyond = ((places < -1) | (places > np.array([width, height]))).any(axis=-1)
     assert within.any() and np.abs(found - 1.0 - places[..., 0])[within].max() <= 0.55
     assert not found[beyond].any()
-
-
-def test_the_detectors_of_one_calibration_agree_on_the_mask_s_size():
-    size = SIZES[0]
-    frame = Frame(1, 0.0, *pair(size))
-    masks = [detector(kind, size).detect(frame).mask for kind in DETECTORS]
-    assert all(mask is not None and mask.shape == GRID.resized(121, 161) for mask in masks)
-    wider = replace(calibration(size), frame_size=(322, 242))
-    assert "calibration is for 322x242" in DisparityDetector(wider, GRID).detect(frame).fault

@@ -30,6 +30,9 @@ def test_a_real_bundle_is_a_scorer(bundle_file, draw_frame):
     described = bundle.extractor.describe(picture, bundle.grid)
     np.testing.assert_array_equal(found.features, described)
     np.testing.assert_array_equal(bundle.model.decision_values(described), found.decision_values)
+    picture[:] = draw_frame([(7, 9)], seed=6)  # as a camera does: another one in the same buffer
+    again = TextureDetector(bundle).detect(Frame(2, 0.0, picture, None))
+    assert again.mask.sum() == 255 * 27 * 36 and not again.mask[54:81].any()
 
 
 @pytest.mark.parametrize(
