@@ -24,7 +24,7 @@ def levels(gain, offset):
 
 def glow_from_below(picture):
     """Light of the lamps that comes back from below."""
-    rise = np.linspace(0, 120, len(picture))[:, None, None]
+    rise = np.linspace(0, 120, len(picture)).reshape(-1, *[1] * (picture.ndim - 1))
     return np.clip(0.5 * picture + rise, 0, 255).astype(np.uint8)
 
 

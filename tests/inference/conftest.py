@@ -65,19 +65,20 @@ def draw_frame():
     return draw
 
 
+def write_mission(folder: Path, scenes: Sequence[list[tuple[int, int]]]) -> Path:
+    """Write a stereo folder: for each frame the patches with noise."""
+    for camera, letter in (("Left", "L"), ("Right", "R")):
+        (folder / camera).mkdir(parents=True, exist_ok=True)
+        for number, patches in enumerate(scenes, 1):
+            path = folder / camera / f"t_{letter}_{number}.jpg"
+            cv2.imwrite(str(path), draw(patches, number), [cv2.IMWRITE_JPEG_QUALITY, 98])
+    return folder
+
+
 @pytest.fixture
 def make_mission(tmp_path):
-    """Write a stereo folder: for each frame the patches with noise."""
-
-    def make(scenes: list[list[tuple[int, int]]], name: str = "dive") -> Path:
-        for camera, letter in (("Left", "L"), ("Right", "R")):
-            (tmp_path / name / camera).mkdir(parents=True, exist_ok=True)
-            for number, patches in enumerate(scenes, 1):
-                path = tmp_path / name / camera / f"t_{letter}_{number}.jpg"
-                cv2.imwrite(str(path), draw(patches, number), [cv2.IMWRITE_JPEG_QUALITY, 98])
-        return tmp_path / name
-
-    return make
+    """`write_mission` in the test's own folder."""
+    return lambda scenes, name="dive": write_mission(tmp_path / name, scenes)
 
 
 @dataclass

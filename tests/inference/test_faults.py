@@ -50,6 +50,7 @@ from tokt.models.operating_point import MofNRule, OperatingPoint
 
 from ..calls import refuses
 from ..waiting import MAX_S, until
+from .attacks import ATTACKS
 from .conftest import HandClock, LevelScorer, NoiseScorer, draw
 from .dive import Dive, Outcome, healthy
 from .live import BROADCAST, Sent, bound_socket, refuse
@@ -226,23 +227,18 @@ def test_a_patch_unlike_all_that_was_learnt():
     )
 
 
-def unlike_training() -> dict[str, np.ndarray]:
-    """Clear water as a model did not learn it, by the fault's name."""
-    plain = draw([], 300)
-    return {
-        "haze over a model's frames": cv2.convertScaleAbs(plain, alpha=0.5, beta=50),
-        "glow from below over a model's frames": (
-            plain // 2 + np.linspace(0, 120, 271)[:, None] + RNG.random(plain.shape)
-        ).astype(np.uint8),
-        "black is white, of a model's frames": 255 - plain,
-    }
+UNLIKE_TRAINING = {
+    "haze over a model's frames": "haze 0.5",
+    "glow from below over a model's frames": "glow",
+    "black is white, of a model's frames": "inverted",
+}
 
 
-@pytest.mark.parametrize("fault", unlike_training())
+@pytest.mark.parametrize("fault", UNLIKE_TRAINING)
 def test_a_picture_that_is_unlike_all_that_the_model_learnt_from(fault):
     dive = Dive(scorer=LevelScorer([draw([], seed) for seed in range(8)]))
     with dive.fault_between():
-        dive.give("fault", unlike_training()[fault])
+        dive.give("fault", ATTACKS[UNLIKE_TRAINING[fault]](draw([], 300)))
     row(fault, finish(dive), "frames by reason: drift +1")
 
 
@@ -313,7 +309,7 @@ def test_a_named_object_that_is_gone_or_in_a_picture_that_froze():
 def test_a_frame_that_is_not_believed_is_not_known_to_the_frame_rule_either():
     scorer = LevelScorer([draw([], seed) for seed in range(8)])
     scorer.operating_point = OperatingPoint(MofNRule(m=3, n=5))
-    hazy = unlike_training()["haze over a model's frames"]
+    hazy = ATTACKS["haze 0.5"](draw([], 300))
     pictures = [draw([], seed) for seed in range(9, 14)] + [hazy] * 3 + [draw([(4, 5)], 14)]
     detector = TextureDetector(scorer)
     found = [detector.detect(Frame(number, 0.0, one, None)) for number, one in enumerate(pictures)]

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.calls import call_tokt, refused
-from tests.inference.conftest import draw
+from tests.inference.conftest import draw, write_mission
 from tests.inference.logged_runs import lines, log_run, mission_source, texture_start, write_lines
 from tests.models.parts import golden_of
 from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.outputs.udp import decode, encode_v2
+from tokt.inference.recording.run_log import events_path
 from tokt.inference.recording.run_start import used_file
 from tokt.inference.replay.findings import find
 from tokt.inference.replay.logged_track import LoggedTrack, open_track
@@ -54,15 +56,29 @@ def scene(frame: int) -> list[tuple[int, int]]:
     return [(top + dy, 4 + dx) for dy in (0, 1) for dx in (0, 1)] if 1 <= top <= 7 else []
 
 
-@pytest.fixture
-def logged(make_mission, three_classes, tmp_path):
+def log_scenes(folder, bundle, log, **start):
+    """Log a run over the frames of that thing."""
+    source = mission_source(folder, SYSTEM_CLOCK)
+    start = texture_start(folder, bundle, **start)
+    log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle))
+
+
+@pytest.fixture(scope="module")
+def run_once(three_classes, tmp_path_factory):
     """A log of fourteen frames with that thing, and the folder of its frames."""
-    folder, log = make_mission([scene(frame) for frame in range(1, 15)]), tmp_path / "run.jsonl"
-    start = texture_start(folder, three_classes)
-    log_run(
-        mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, read_bundle(three_classes)
-    )
-    return log, folder
+    root = tmp_path_factory.mktemp("run")
+    folder = write_mission(root / "dive", [scene(frame) for frame in range(1, 15)])
+    log_scenes(folder, three_classes, root / "run.jsonl")
+    return root / "run.jsonl", folder
+
+
+@pytest.fixture
+def logged(run_once, tmp_path):
+    """A copy of the log that a test may change, and the folder of its frames."""
+    log, folder = run_once
+    for path in (log, events_path(log)):
+        shutil.copy(path, tmp_path)
+    return tmp_path / log.name, folder
 
 
 def poses(path, frames=range(1, 15)):
@@ -168,25 +184,19 @@ def test_the_files_are_read_back(logged, tmp_path):
     assert call_tokt("findings", log, "-o", page).code == 0
     text = page.read_text("utf-8")
     assert "1: net" in text and text.count("data:image/jpeg") == 1
-    folder.rename(tmp_path / "elsewhere")  # the pictures are gone, the findings are not
+    gone = lines(events_path(log))  # the pictures are, the findings are not
+    write_lines(events_path(log), [{**line, "source": "/nowhere"} for line in gone])
     assert call_tokt("findings", log, "-o", page).code == 0
     assert "The picture is not there." in page.read_text("utf-8")
-    assert call_tokt("findings", log, "-o", page, "--source", tmp_path / "elsewhere").code == 0
+    assert call_tokt("findings", log, "-o", page, "--source", folder).code == 0
     assert "data:image/jpeg" in page.read_text("utf-8")
 
 
 def test_what_is_asked_for_must_be_there(logged, tmp_path):
     log, _ = logged
     out = tmp_path / "out.geojson"
-    refused(
-        "its model knows no crack (it knows net, pipe)",
-        "findings",
-        log,
-        "-o",
-        out,
-        "--classes",
-        "crack",
-    )
+    knows = "its model knows no crack (it knows net, pipe)"
+    refused(knows, "findings", log, "-o", out, "--classes", "crack")
     assert "0 findings" in call_tokt("findings", log, "-o", out, "--classes", "pipe").out
     refused(".geojson, .csv, .html", "findings", log, "-o", tmp_path / "out.kml")
     refused("name just one", "findings", log, log, "-o", out, "--run", "x")
@@ -205,9 +215,8 @@ def test_damaged_lines_are_left_out_and_said(logged, tmp_path):
 
 
 def test_a_model_of_two_classes_has_no_findings(make_mission, bundle_file, tmp_path):
-    folder, log = make_mission([[], [(4, 4)]]), tmp_path / "run.jsonl"
-    source = mission_source(folder, SYSTEM_CLOCK)
-    log_run(source, texture_start(folder, bundle_file), log, SYSTEM_CLOCK, read_bundle(bundle_file))
+    log = tmp_path / "run.jsonl"
+    log_scenes(make_mission([[], [(4, 4)]]), bundle_file, log)
     assert {line["classes"] for line in lines(log)} == {None}
     refused("need a model of several classes", "findings", log, "-o", tmp_path / "out.csv")
 
@@ -234,16 +243,13 @@ def test_two_things_at_once_are_two():
     assert len(find(track(frames), ["net"])) == 2
 
 
-def test_a_thing_lost_for_a_moment_is_one():
-    frames = [blob(row, 4) if row not in (4, 5) else {} for row in range(1, 9)]
-    (found,) = find(track(frames), ["net"])
+def test_a_thing_lost_for_a_moment_or_of_two_classes_by_turns_is_one():
+    lost = [blob(row, 4) if row not in (4, 5) else {} for row in range(1, 9)]
+    (found,) = find(track(lost), ["net"])
     assert (found.first_frame, found.last_frame, found.frames) == (1, 8, 6)
     assert found.confidence == round(6 / 9, 2)
-
-
-def test_a_model_that_wavers_between_two_classes_finds_one_thing():
-    frames = [blob(row, 4, "damage" if row == 5 else "net") for row in range(1, 9)]
-    (found,) = find(track(frames), ["net", "damage"])
+    wavers = [blob(row, 4, "damage" if row == 5 else "net") for row in range(1, 9)]
+    (found,) = find(track(wavers), ["net", "damage"])
     assert found.label == "net" and found.confidence == round(8 / 9 * 7 / 8, 2)
 
 
@@ -318,13 +324,9 @@ def test_a_track_over_the_date_line_goes_on(logged):
     assert lat == 0.0 and abs(lon) == pytest.approx(180.0, abs=1e-6)
 
 
-def test_the_run_s_own_odometry_must_be_unchanged(logged, make_mission, three_classes, tmp_path):
-    _, folder = logged
+def test_the_run_s_own_odometry_must_be_unchanged(run_once, three_classes, tmp_path):
     log, given = tmp_path / "second.jsonl", poses(tmp_path / "given.csv")
-    start = texture_start(folder, three_classes, odometry=used_file(given))
-    log_run(
-        mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, read_bundle(three_classes)
-    )
+    log_scenes(run_once[1], three_classes, log, odometry=used_file(given))
     assert open_track(log).along_m[-1] == pytest.approx(13 * STEP_M)
     poses(given, range(1, 10))
     refused("is not the one that the run had", "findings", log, "-o", tmp_path / "out.csv")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.features.kernels.each_kernel import changed
+from tests.inference.attacks import ATTACKS
 from tests.inference.test_faults import hold_row
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS
@@ -26,6 +27,10 @@ DISPARITY_PX = 132  # at full size: 2200 * 0.3 / 132 = 5 m
 SIDE_PX = 160
 
 
+def as_picture(view: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(view.round().clip(0, 255), np.uint8)
+
+
 def faint_pair(number: int, shift_px: int | None = DISPARITY_PX) -> tuple[np.ndarray, np.ndarray]:
     """Noisy lit water with one square of 1.5 grey levels' texture; no square without a shift."""
     left, right = lit_sea(number)
@@ -34,7 +39,7 @@ def faint_pair(number: int, shift_px: int | None = DISPARITY_PX) -> tuple[np.nda
     if shift_px is not None:
         for view, x in ((left, 700), (right, 700 - shift_px)):
             view[400 : 400 + SIDE_PX, x : x + SIDE_PX] += square
-    return tuple(view.round().clip(0, 255).astype(np.uint8) for view in (left, right))
+    return as_picture(left), as_picture(right)
 
 
 def sea_floor(number: int) -> list[np.ndarray]:
@@ -44,14 +49,14 @@ def sea_floor(number: int) -> list[np.ndarray]:
     views = lit_sea(number)
     for view, start in zip(views, (x, x + shift_px), strict=True):
         view[-576:] += sand[:, start : start + view.shape[1]]
-    return [view.round().clip(0, 255).astype(np.uint8) for view in views]
+    return [as_picture(view) for view in views]
 
 
 def edge_alone(number: int) -> list[np.ndarray]:
     """A tower's edge 5 m away, so far to the left that the right camera does not see it."""
     left, right = lit_sea(number)
     left[:, :100] += cv2.resize(np.random.default_rng(3).normal(10, 4, (128, 13)), (100, 1024))
-    return [view.round().clip(0, 255).astype(np.uint8) for view in (left, right)]
+    return [as_picture(view) for view in (left, right)]
 
 
 def status(found) -> int:
@@ -141,38 +146,15 @@ def test_an_edge_that_only_the_left_camera_sees_is_unknown(stereo):
     hold("a tower's edge that the left camera alone sees (stereo)")
 
 
-def hazy(view: np.ndarray) -> np.ndarray:
-    return 0.5 * view + 50
-
-
-def glowing(view: np.ndarray) -> np.ndarray:
-    return 0.5 * view + np.linspace(0, 120, len(view))[:, None]
-
-
-def enlarged(view: np.ndarray) -> np.ndarray:
-    height, width = view.shape
-    part = view[height // 4 : -(height // 4), width // 4 : -(width // 4)]
-    return cv2.resize(part, (width, height))
-
-
 def turned(quarters: int):
     return lambda view: cv2.resize(np.rot90(view, quarters), view.shape[::-1])
 
 
-LOST = {
-    "hazy": hazy,
-    "raised": lambda view: view + 60,
-    "glowing": glowing,
-    "inverted": lambda view: 255 - view,
-    "enlarged": enlarged,
-    "blurred": lambda view: cv2.GaussianBlur(view, (0, 0), 8),
-}
+LOST = ("haze 0.5", "offset", "glow", "inverted", "zoom", "blur 8")
 TURNED = {
     "90": turned(1),
-    "180": turned(2),
     "270": turned(3),
-    "mirrored": lambda view: view[:, ::-1],
-    "upside down": lambda view: view[::-1],
+    **{name: ATTACKS[name] for name in ("turned 180", "mirrored", "upside down")},
 }
 
 
@@ -186,12 +168,9 @@ def in_open_water(request):
 
     def judge(change=None, sides=""):
         number = next(numbers)
-        views = [
-            change(view) if side in sides else view
-            for side, view in zip("lr", lit_sea(number), strict=True)
-        ]
-        pictures = [np.ascontiguousarray(view.round().clip(0, 255), np.uint8) for view in views]
-        return detector.detect(Frame(number, 0.0, *pictures))
+        views = zip("lr", lit_sea(number), strict=True)
+        seen = (change(view) if side in sides else view for side, view in views)
+        return detector.detect(Frame(number, 0.0, *map(as_picture, seen)))
 
     assert [status(judge()) for _ in range(6)][-1] == 0
     return judge
@@ -200,7 +179,7 @@ def in_open_water(request):
 @pytest.mark.parametrize("sides", ["lr", "l", "r"])
 @pytest.mark.parametrize("name", LOST)
 def test_water_that_has_lost_its_contrast_is_unknown(name, sides, in_open_water):
-    found = in_open_water(LOST[name], sides)
+    found = in_open_water(ATTACKS[name], sides)
     assert found.mask is None
     if sides == "lr":  # one alone is also much brighter than the other
         assert found.vetoes_clear and found.fault.reason is Reason.STEREO
@@ -209,8 +188,8 @@ def test_water_that_has_lost_its_contrast_is_unknown(name, sides, in_open_water)
 
 def test_a_pair_that_is_not_believed_is_no_frame_without_it():
     water = pairs(range(1, 7), faint_pair, None)
-    views = [[hazy(view).round().astype(np.uint8) for view in lit_sea(n)] for n in range(7, 11)]
-    lost = [Frame(7, 0.0, *pair) for pair in views]
+    hazy = (map(ATTACKS["haze 0.5"], lit_sea(number)) for number in range(7, 11))
+    lost = [Frame(7, 0.0, *pair) for pair in hazy]
     found = judged([*water, *lost, Frame(11, 0.0, *faint_pair(11))])
     assert [status(one) for one in found[5:]] == [0, -1, -1, -1, -1, -1]
     hold(
