@@ -184,17 +184,6 @@ def test_options_of_a_file_that_would_do_nothing_are_refused(tmp_path, run_tokt)
     assert ran.code == 2 and "unknown source 'dive'" in ran.err
 
 
-def test_help_groups_every_option_by_its_section(run_tokt):
-    helped = run_tokt("run", "--help").out
-    titles = re.findall(r"^(\w+):$", helped, re.MULTILINE)
-    assert titles == [*(name.capitalize() for name in SECTIONS), "Options"]
-    parts = dict(zip(titles, re.split(r"^\w+:$", helped, flags=re.MULTILINE)[1:], strict=True))
-    for option in OPTIONS.values():
-        assert re.search(rf"^  --{option.key}\b", parts[option.section.capitalize()], re.MULTILINE)
-        words = " ".join(helped.split())
-        assert option.text.split()[0] in words
-
-
 def test_a_start_says_every_option_that_verdicts_depend_on(tmp_path):
     poses = tmp_path / "poses.csv"
     poses.write_text("")

@@ -63,15 +63,6 @@ def test_an_old_clear_is_unknown_and_an_old_obstacle_stays(
     assert all(" ms old" in one.health for one in said[:2])
 
 
-def test_the_time_of_day_has_no_say_in_a_frame_s_age(publisher, hand_clock, monkeypatch):
-    frame = a_frame(hand_clock)
-    monkeypatch.setattr(hand_clock, "time", lambda: 0.0)  # set back by years
-    publisher.begin(frame)
-    hand_clock.now += 0.02
-    report = publisher.publish(frame, Judgement(EMPTY))
-    assert report.age_ms == pytest.approx(20) and report.verdict.status == CLEAR
-
-
 def test_silence_is_broken_by_unknown_with_the_reason(publisher, sent, hand_clock):
     hand_clock.now += 0.49
     publisher.heartbeat()

@@ -82,9 +82,8 @@ def test_a_failed_write_leaves_nothing(tmp_path):
     assert (tmp_path / "folder" / "inside").is_dir()
 
 
-@pytest.fixture
-def reader(tmp_path, monkeypatch):
-    """A file that is open, and the refusals of its rename, which only Windows has of its own."""
+def test_a_file_that_somebody_reads_is_replaced_when_it_is_closed_or_stays(tmp_path, monkeypatch):
+    """Refusals of a rename, which only Windows has of its own."""
     target, refused = tmp_path / "file", []
     target.write_text("a")
     replace = Path.replace
@@ -96,30 +95,20 @@ def reader(tmp_path, monkeypatch):
             return replace(old, new)
         except PermissionError:
             refused.append(new)
-            if len(refused) == 3:
+            if len(refused) == 4:
                 opened.close()
             raise
 
     monkeypatch.setattr(Path, "replace", refuse)
     with target.open() as opened:
-        yield target, refused
-
-
-def test_a_file_that_somebody_reads_is_replaced_when_it_is_closed(reader, monkeypatch):
-    target, refused = reader
-    monkeypatch.setattr(atomic, "OPEN_S", 60.0)
-    atomic.write_text(target, "b")
-    assert target.read_text() == "b" and refused == [target] * 3
-    assert [path.name for path in target.parent.iterdir()] == ["file"]
-
-
-def test_a_file_that_somebody_keeps_open_stays(reader, monkeypatch):
-    target, refused = reader
-    monkeypatch.setattr(atomic, "OPEN_S", 0.0)
-    with pytest.raises(PermissionError):
+        monkeypatch.setattr(atomic, "OPEN_S", 0.0)
+        with pytest.raises(PermissionError):
+            atomic.write_text(target, "b")
+        assert target.read_text() == "a" and refused == [target]
+        monkeypatch.setattr(atomic, "OPEN_S", 60.0)
         atomic.write_text(target, "b")
-    assert target.read_text() == "a" and refused == [target]
-    assert [path.name for path in target.parent.iterdir()] == ["file"]
+    assert target.read_text() == "b" and refused == [target] * 4
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_new_folder_appears_at_the_end(tmp_path):

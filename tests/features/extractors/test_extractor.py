@@ -1,4 +1,3 @@
-import copy
 import json
 from typing import Any
 
@@ -6,15 +5,11 @@ import cv2
 import mahotas
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
 from tests.calls import refuses
-from tests.tiers import scaled
 from tokt.features.common.canonical import canonical_json, json_sha256
-from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Glcm, Join, Lbp, build_extractor, extractor_named
 from tokt.features.extractors.named_extractors import NAMED
 from tokt.features.extractors.textures import PLAIN_IMAGE, Context, Lines, Moments, Structure
@@ -49,20 +44,6 @@ def histogram(codes: NDArray[Any], points: int) -> NDArray[np.float64]:
     return np.histogram(codes, bins=np.arange(points + 3))[0] / codes.size
 
 
-def glcm(patch: Image, step: tuple[int, int], ignore_zeros: bool) -> NDArray[np.float64]:
-    """Symmetric co-occurrence probabilities of grey levels one `step` apart, counted in a loop."""
-    counts = np.zeros((256, 256))
-    for y in range(patch.shape[0]):
-        for x in range(patch.shape[1]):
-            other = y + step[0], x + step[1]
-            if other[0] < patch.shape[0] and 0 <= other[1] < patch.shape[1]:
-                counts[patch[y, x], patch[other]] += 1
-                counts[patch[other], patch[y, x]] += 1
-    if ignore_zeros:
-        counts[0] = counts[:, 0] = 0
-    return np.asarray(counts / counts.sum(), np.float64)
-
-
 @pytest.mark.parametrize("name", LBP_NAMES)
 @pytest.mark.parametrize("kind", ["gray", "colour"])
 def test_lbp_equals_scikit_image(name, kind, gray, colour):
@@ -92,21 +73,6 @@ def test_haralick_equals_mahotas(ignore_zeros, gray, colour):
                 continue
             expected = mahotas.features.haralick(patch, ignore_zeros=ignore_zeros).mean(axis=0)
             np.testing.assert_allclose(row, expected, rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("ignore_zeros", [False, True])
-def test_haralick_by_its_definition(ignore_zeros, gray):
-    """Energy, contrast, homogeneity and entropy from counts made in plain loops."""
-    patch = gray[::7, ::7][:18, :24].copy()
-    grid = Grid(1, 1, None)
-    found = Glcm(ignore_zeros).describe(patch, grid)[0]
-    apart = np.subtract.outer(np.arange(256), np.arange(256)) ** 2
-    rows = []
-    for step in ((0, 1), (1, 1), (1, 0), (1, -1)):
-        p = glcm(patch, step, ignore_zeros)
-        entropy = -(p[p > 0] * np.log2(p[p > 0])).sum()
-        rows.append([(p**2).sum(), (p * apart).sum(), (p / (1 + apart)).sum(), entropy])
-    np.testing.assert_allclose(found[[0, 1, 4, 8]], np.mean(rows, axis=0), rtol=1e-11)
 
 
 GRAY_TOO = [name for name, extractor in NAMED.items() if not extractor.needs_colour]
@@ -259,42 +225,6 @@ def test_a_join_of_joins_is_refused_at_any_depth():
     for _ in range(5000):
         spec = {"name": "join", "version": 1, "parts": [spec, LBP]}
     refuses("cannot stand inside another join", build_extractor, spec)
-
-
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers(-3, 70) | st.floats() | st.text(max_size=4),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner),
-    max_leaves=6,
-)
-
-
-@st.composite
-def damaged_specs(draw: st.DrawFn) -> Any:
-    spec = copy.deepcopy(draw(st.sampled_from(SPECS)))
-    target = spec
-    if spec["name"] == "join" and draw(st.booleans()):
-        target = spec["parts"][draw(st.integers(0, 1))]
-    elif isinstance(spec.get("image"), dict) and draw(st.booleans()):
-        target = spec["image"]
-    for _ in range(draw(st.integers(1, 2))):
-        key = draw(st.sampled_from([*target, "other"]))
-        if draw(st.booleans()):
-            target.pop(key, None)
-        else:
-            target[key] = draw(json_values | st.just([LBP, LBP]))
-        if not target:
-            break
-    return spec
-
-
-@settings(max_examples=scaled(200))
-@given(damaged_specs() | json_values)
-def test_a_spec_is_read_whole_or_refused(spec):
-    try:
-        built = build_extractor(spec)
-    except ToktError:
-        return
-    assert canonical_json(built.spec) == canonical_json(spec)
 
 
 def test_names():

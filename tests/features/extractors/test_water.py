@@ -118,13 +118,6 @@ def test_a_gray_frame_has_no_colour(extractor):
     assert np.isfinite(extractor.describe(almost, GRID)).all()
 
 
-def test_the_gray_one_takes_both():
-    extractor = extractor_named("water_gray")
-    assert not extractor.needs_colour
-    same = extractor.describe(GRAY, GRID), extractor.describe(cv2.merge([GRAY] * 3), GRID)
-    assert np.array_equal(*same)
-
-
 @pytest.mark.parametrize(
     ("grid", "size"),
     [*product([Grid(1, 1, None), Grid(2, 2, 8)], [(7, 9), (8, 8)]), (DEFAULT_GRID, (31, 40))],
@@ -133,14 +126,6 @@ def test_frames_of_fewer_pixels_than_cells(grid, size):
     frame = np.random.default_rng(2).integers(0, 255, (*size, 3), np.uint8)
     found = Context(WATER, "mean").describe(frame, grid)
     assert found.shape == (grid.n_patches, 26) and np.isfinite(found).all()
-
-
-def test_threads_change_nothing():
-    frame, extractor = with_post(sea()), extractor_named("water")
-    one, three = (
-        extractor.describe_pictures(FramePictures(frame, DEFAULT_GRID, threads=n)) for n in (1, 3)
-    )
-    assert np.array_equal(one, three)
 
 
 def spec(name, **options):

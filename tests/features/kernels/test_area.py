@@ -116,14 +116,6 @@ def test_every_colour(kernels, first):
 
 
 @fast
-def test_any_number_of_threads(kernels):
-    for depth in ((), (3,)):
-        frame = paint("noise", (101, 143, *depth), 4, 0, 0)
-        for threads in (1, 2, 3, 7, 40):
-            check(kernels, frame, 27, 40, threads)
-
-
-@fast
 @pytest.mark.parametrize("depth", [(), (3,)])
 def test_any_layout(kernels, depth):
     whole = paint("noise", (85, 97, *depth), 8, 0, 0)

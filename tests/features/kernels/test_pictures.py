@@ -129,17 +129,6 @@ def test_levels_by_their_definition(kernels, by):
 
 
 @fast
-def test_a_brighter_lamp_changes_nothing_by_frame(kernels):
-    gray16 = 100 * np.random.default_rng(3).integers(20, 120, (60, 80), np.uint16)
-    brighter = gray16 * np.uint16(4)
-    for gain in (8, 0.7):
-        levels = Quantization(gain, 256, 3, 31, FRAME)
-        dim, bright = (kernels.quantize(one, levels) for one in (gray16, brighter))
-        assert np.abs(dim.astype(int) - bright).max() <= 1 and len(np.unique(dim)) > 8
-        assert (dim == bright).mean() > 0.99
-
-
-@fast
 @pytest.mark.parametrize(
     "gray16",
     [

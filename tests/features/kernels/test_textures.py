@@ -225,16 +225,6 @@ def test_nearest_patterns(kernels, drawn, points, radius, border, threads):
     assert np.array_equal(found, REFERENCE.lbp_nearest_counts(*drawn, points, radius, border))
 
 
-@fast
-def test_points_on_whole_pixels_are_those_of_version_1(kernels):
-    """Four points at a whole radius lie on pixels either way."""
-    gray = np.random.default_rng(4).integers(0, 9, (70, 90), np.uint8)
-    for border in ("patch", "frame"):
-        options = gray, Grid(2, 3, None), 4, 3, border
-        nearest, between = kernels.lbp_nearest_counts(*options), kernels.lbp_counts(*options)
-        assert np.array_equal(nearest, between)
-
-
 PLAIN, DEEP = np.zeros((9, 9), np.uint8), np.zeros((9, 9), np.uint16)
 
 

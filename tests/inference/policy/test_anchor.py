@@ -46,10 +46,6 @@ def test_errors_have_signs_against_the_way_to_steer(rows, cols, held, x, y, shar
     assert verdict.x * x < 0 and verdict.y * y < 0
 
 
-def test_in_the_centre_and_of_the_size_is_no_error():
-    assert errors(slice(3, 7), slice(4, 6), 0.08) == pytest.approx((0, 0, 0), abs=0.01)
-
-
 def test_nothing_seen_has_no_errors():
     anchor = Anchor(0.1)
     assert anchor.errors(seen(slice(0, 0), slice(0, 0))) == AnchorErrors()

@@ -154,11 +154,6 @@ def test_in_water_without_a_point_nothing_is_known():
     assert (verdict.status, verdict.moving) == (OBSTACLE, None)
 
 
-def test_one_thing_alone_is_an_obstacle():
-    verdicts, _ = swum(Told(), school(1, 1))
-    assert {verdict.status for verdict in verdicts} == {OBSTACLE}
-
-
 @pytest.mark.parametrize("more", [{"timed": False}, {"missed": MANY_MISSED}])
 def test_without_the_frame_before_nothing_is_known(more):
     verdicts, _ = swum(Told(), school(1), **more)

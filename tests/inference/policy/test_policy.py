@@ -85,11 +85,6 @@ def test_either_is_not_clear_against_a_sign_of_danger(texture, status):
     assert "disparity: the frames do not match" in verdict.health
 
 
-def test_fallback_asks_disparity_only_where_texture_cannot_judge():
-    assert FallbackPolicy(Says("texture", mask()), WARNS).judge(FRAME).verdict.status == 0
-    assert FallbackPolicy(Says("texture", "dark"), WARNS).judge(FRAME).verdict.status == -1
-
-
 def test_a_picture_in_memory_is_judged_like_a_frame(noise_scorer, draw_frame):
     image = draw_frame([(2, 3)])
     judged = judge_image(noise_scorer, image)
@@ -107,27 +102,12 @@ def test_what_a_detector_raises_is_told_in_one_line():
     assert verdict.method == "none" and verdict.model is None
 
 
-def test_only_exceptions_are_guarded():
-    class Interrupted(Says):
-        def detect(self, frame: Frame) -> Detection:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        SinglePolicy(Interrupted("texture", None)).judge(FRAME)
-
-
 def test_either_joins_the_masks():
     policy = EitherPolicy(Says("texture", mask(3, 4)), Says("disparity", mask(80)))
     verdict = policy.judge(FRAME).verdict
     assert verdict.box == (3, 10, 78, 10)
     assert verdict.method == "texture+disparity"
     assert (verdict.model, verdict.distance_m) == ("m/1", 2.5)
-
-
-def test_the_method_is_the_detector_that_judged():
-    verdict = FallbackPolicy(Says("texture", "dark"), Says("disparity", mask(1, 2))).judge(FRAME)
-    assert verdict.verdict.method == "disparity" and verdict.verdict.model is None
-    assert verdict.verdict.health == "texture: dark"
 
 
 def test_a_late_clear_is_left_to_disparity_and_a_late_obstacle_is_one():

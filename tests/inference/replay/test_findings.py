@@ -114,15 +114,6 @@ def test_older_logs_and_datagrams_have_no_classes(logged, tmp_path):
     refused("did not log classes yet", "findings", log, "-o", tmp_path / "out.csv")
 
 
-def test_a_replay_compares_the_classes(logged):
-    log, _ = logged
-    assert call_tokt("replay", log).code == 0
-    changed = lines(log)
-    changed[5]["classes"] = {"net": [0, 0, 36, 27, 0.01]}
-    write_lines(log, changed)
-    assert call_tokt("replay", log).code == 1
-
-
 @pytest.mark.parametrize("name", ["damage", "x" * 90, "\U0001f40b" * 30])
 def test_a_datagram_fits_whatever_is_seen(name):
     boxes = {f"{name}{n}": (-1, 99999, 99999, 99999, 0.123) for n in range(40)}

@@ -5,14 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from tests.calls import call_tokt
 from tests.inference.logged_runs import write_lines
-from tests.tiers import scaled
-from tokt.features.common.errors import ToktError
 from tokt.inference.config import Limits
 from tokt.inference.recording.run_start import ModelName, RunStart, UsedFile
 from tokt.inference.replay.logged_run import VERDICT, LoggedFrame, open_run
@@ -30,19 +23,6 @@ TODAY = {
     **dict.fromkeys(VERDICT), **FRAME, "trend": "growing", "trend_confidence": 0.962,
     "expansion_contact_s": 10.37, "anchor_x": 0.667, "anchor_y": 0.259, "anchor_size": -0.363,
 }  # fmt: skip
-SHADOW = [
-    {
-        "event": "start", "format_version": 1, "t": 1.5, "run": "r", "policy": "texture",
-        "challenger": {"label": "b/2", "sha256": "0" * 64}, "live": True,
-    },
-    {
-        "run": "r", "seq": 1, "frame": 17, "t": 1.5, "dropped": 0,
-        "champion": {"status": 0, "latency_ms": 4.0, "model": "a/1"},
-        "challenger": {"status": 1, "latency_ms": None, "model": "b/2"},
-    },
-    {"event": "failed", "run": "r", "t": 1.6, "words": "its process ended"},
-    {"event": "end", "run": "r", "dropped": 0},
-]  # fmt: skip
 
 
 STARTED = RunStart("dive", "fallback", model=MODEL, stereo_way="bm", stereo_scale=0.5)
@@ -103,38 +83,3 @@ def test_a_frame_s_line_is_read_with_its_model_and_what_follows_what(tmp_path):
     assert frames[-1].model == ModelName("new/1", "cd" * 32)
     assert run.models == (MODEL, frames[-1].model)
     assert [each.follows for each in frames] == [True, True, True, False]  # 6 is nowhere
-
-
-SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
-JSON = st.recursive(
-    SCALARS | st.just(10**400),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
-    max_leaves=5,
-)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("log")
-
-
-@settings(max_examples=scaled(30))
-@given(data=st.data())
-def test_any_value_anywhere_is_read_or_refused(folder, data):
-    lines = [BEGIN, TODAY, *SHADOW]
-    place = data.draw(st.integers(0, len(lines) - 1))
-    changed = dict(lines[place])
-    key = data.draw(st.sampled_from([*changed, "format_version"]))
-    changed[key] = data.draw(JSON)
-    if data.draw(st.booleans()):
-        del changed[key]
-    lines[place] = changed
-    log = log_of(folder, lines[1:2], lines[:1])
-    shadow = write_lines(folder / "shadow.jsonl", lines[2:])
-    try:
-        read(log)
-    except ToktError as error:
-        assert "\n" not in str(error)
-    for how in ((), ("--json",)):
-        ran = call_tokt("shadow", shadow, *how)
-        assert ran.code in (0, 2) and "Traceback" not in ran.err, ran.err

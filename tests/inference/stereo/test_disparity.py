@@ -328,10 +328,6 @@ def test_a_jump_that_stays_starts_a_new_line():
     assert after(jumped).closing_m_s == pytest.approx(0.2, abs=1e-9)
 
 
-def test_distances_that_only_jump_give_no_speed():
-    assert after([float(2 + 5 * (index % 2) + index % 7) for index in range(60)]) == Closing()
-
-
 @pytest.mark.parametrize("t_s", [1.0, 2.9, math.nan, -math.inf, math.inf])
 def test_time_that_does_not_go_on_starts_anew(t_s):
     speed = ClosingSpeed()

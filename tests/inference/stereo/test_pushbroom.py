@@ -110,13 +110,6 @@ def test_what_matches_at_other_disparities_as_well_is_no_hit(detector, texture, 
     assert detector.look(*between).any()
 
 
-def test_a_wrong_right_frame_gives_no_hit(detector):
-    left, right = draw(4.0)
-    assert detector.look(left, right).any()
-    assert not detector.look(left, np.ascontiguousarray(right[::-1])).any()
-    assert not detector.look(left, EMPTY[1]).any()
-
-
 def test_an_obstacle_is_remembered_for_some_frames_as_it_was(detector):
     first = detector.detect(Frame(1, 0.0, *draw(4.0)))
     then = detector.detect(Frame(2, 0.0, *EMPTY))

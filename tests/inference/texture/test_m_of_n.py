@@ -81,13 +81,6 @@ def test_verdicts_are_the_rule_s(window, least, now, steps, data):
         assert told == (scores is not None and decided)
 
 
-def test_each_run_starts_anew():
-    rule = MofNRule(m=2, n=2)
-    for _ in range(2):
-        policy = SinglePolicy(TextureDetector(Script(rule, [[1, -1, -1, -1]] * 2)))
-        assert [policy.judge(frame).verdict.status for frame in frames([0, 0])] == [-1, 1]
-
-
 def test_one_patch_of_a_fine_grid_is_no_status_for_the_rule_either():
     """Its mean is below the thesis's limit: what v1 calls 0 is no alarm."""
     few, many = np.full(900, -1.0), np.full(900, -1.0)
