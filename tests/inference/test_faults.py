@@ -412,85 +412,76 @@ def test_a_camera_that_gives_what_it_gave_before(fault):
     row(fault, outcome, f"frames by reason: frozen +{reasons[Reason.FROZEN]}")
 
 
-def test_a_frozen_camera_with_every_other_frame_black():
-    dive = Dive()
-    seen, black = water(STILL), np.zeros((271, 360), np.uint8)
-    with dive.fault_between():
-        dive.give("clear", seen)
-        for _ in range(3):
-            dive.give("fault", black)
-            dive.give("fault", seen)
-    fault = "a frozen camera: every other frame is black"
-    row(fault, finish(dive), "frames by reason: dark +1, frozen +5")
+def too_old(dive: Dive) -> None:
+    dive.give("fault", dive.picture("clear"), age_s=0.3)
 
 
-def test_a_frame_that_comes_too_old():
+def silent(dive: Dive) -> None:
+    dive.silence()
+    dive.silence()
+
+
+def raising(dive: Dive) -> None:
+    def fails(frame: Frame) -> None:
+        raise MemoryError("out of memory")
+
+    dive.detector.before = fails
+    dive.give("fault", dive.picture("clear"))
+
+
+def not_a_number(dive: Dive) -> None:
+    dive.scorer.values_of = lambda features: features * np.nan
+    dive.give("fault", dive.picture("clear"))
+    del dive.scorer.values_of
+
+
+def hanging(what: str) -> Callable[[Dive], None]:
+    def hang(dive: Dive) -> None:
+        dive.detector.before = lambda frame: dive.silence()
+        dive.give("fault", dive.picture(what))
+
+    return hang
+
+
+def frozen_or_black(dive: Dive) -> None:
+    seen = water(STILL)
+    dive.give("clear", seen)
+    for _ in range(3):
+        dive.give("fault", np.zeros_like(seen))
+        dive.give("fault", seen)
+
+
+LATE = "frames by reason: late +1; heartbeats"
+BETWEEN: dict[str, tuple[Callable[[Dive], None], str]] = {
+    "a frame older than `--stale` when it comes": (too_old, "frames by reason: stale +1"),
+    "frames stop coming": (silent, "heartbeats"),
+    "a detector raises": (raising, "frames by reason: detector_failed +1"),
+    "a decision value is NaN": (not_a_number, "frames by reason: not_finite +1"),
+    "a detector takes too long: what it then calls clear": (hanging("clear"), LATE),
+    "a detector takes too long: what it then calls an obstacle": (hanging("obstacle"), LATE),
+    "a frozen camera: every other frame is black": (
+        frozen_or_black,
+        "frames by reason: dark +1, frozen +5",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", BETWEEN)
+def test_between_two_healthy_stretches(fault):
+    happens, counted = BETWEEN[fault]
     dive = Dive()
     with dive.fault_between():
-        dive.give("fault", dive.picture("clear"), age_s=0.3)
-    row("a frame older than `--stale` when it comes", finish(dive), "frames by reason: stale +1")
+        happens(dive)
+        dive.detector.before = lambda frame: None
+    row(fault, finish(dive), counted)
 
 
 def test_no_frame_from_the_start():
     dive = Dive()
     with dive.under_way():
-        dive.silence()
-        dive.silence()
+        silent(dive)
         healthy(dive)
     row("no frame since the start", finish(dive), "heartbeats")
-
-
-def test_frames_stop_coming():
-    dive = Dive()
-    with dive.fault_between():
-        dive.silence()
-        dive.silence()
-    row("frames stop coming", finish(dive), "heartbeats")
-
-
-def test_a_detector_that_raises():
-    dive = Dive()
-
-    def fails(frame: Frame) -> None:
-        raise MemoryError("out of memory")
-
-    with dive.fault_between():
-        dive.detector.before = fails
-        dive.give("fault", dive.picture("clear"))
-        dive.detector.before = lambda frame: None
-    row("a detector raises", finish(dive), "frames by reason: detector_failed +1")
-
-
-def test_a_decision_value_that_is_no_number():
-    class Broken(NoiseScorer):
-        broken = False
-
-        def values_of(self, features: Any) -> Any:
-            return super().values_of(features) * (np.nan if self.broken else 1)
-
-    scorer = Broken()
-    dive = Dive(scorer=scorer)
-    with dive.fault_between():
-        scorer.broken = True
-        dive.give("fault", dive.picture("clear"))
-        scorer.broken = False
-    row("a decision value is NaN", finish(dive), "frames by reason: not_finite +1")
-
-
-@pytest.mark.parametrize(
-    ("what", "fault"),
-    [
-        ("clear", "a detector takes too long: what it then calls clear"),
-        ("obstacle", "a detector takes too long: what it then calls an obstacle"),
-    ],
-)
-def test_a_detector_that_hangs_for_a_while(what, fault):
-    dive = Dive()
-    with dive.fault_between():
-        dive.detector.before = lambda frame: dive.silence()
-        dive.give("fault", dive.picture(what))
-        dive.detector.before = lambda frame: None
-    row(fault, finish(dive), "frames by reason: late +1; heartbeats")
 
 
 def test_frames_faster_than_they_are_judged():

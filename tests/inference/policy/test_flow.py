@@ -48,12 +48,3 @@ def test_a_picture_without_corners_has_no_points(level):
     blank = FlowPicture(np.full((HEIGHT, WIDTH), level, np.uint8))
     points = blank.points(NOTHING)
     assert points.shape == (0, 2) and follow(blank, blank, points).now.shape == (0, 2)
-
-
-def test_most_points_are_where_something_was_seen():
-    seen = NOTHING.copy()
-    seen[100:170, 100:260] = 255
-    picture, _ = pictured(texture(3), motion(0))
-    x, y = FlowPicture(picture).points(seen).astype(int).T
-    within = np.count_nonzero(seen[y, x])
-    assert 10 < within <= 60 and 10 < len(x) - within <= 40

@@ -32,7 +32,7 @@ STEPS = 6
 OWN = {"shift": (3.0, 1.0), "turn_deg": 0.5, "growth": 1.01}
 
 
-def swum(told, swimmers, own=OWN, seed=1, avoid=NEAR, steps=STEPS, standing=None, **more):
+def swum(told, swimmers, own=OWN, seed=1, avoid=NEAR, steps=STEPS, standing=None, t=None, **more):
     """The verdicts on a school before a scene, and the share of the view that it covers."""
     policy, scene, verdicts, shares = MovingThings(told, avoid), texture(seed), [], []
     for step in range(steps):
@@ -41,7 +41,8 @@ def swum(told, swimmers, own=OWN, seed=1, avoid=NEAR, steps=STEPS, standing=None
         if standing is not None:
             told.mask[standing] = 255
         shares.append((told.mask > 0).mean())
-        verdicts.append(policy.judge(frame(step, picture, **more)).verdict)
+        at = {} if t is None else {"t": 1e9 + t(step)}
+        verdicts.append(policy.judge(frame(step, picture, **at, **more)).verdict)
     return verdicts, shares
 
 
@@ -174,27 +175,18 @@ def test_another_size_of_picture_begins_anew(size):
 
 
 def test_frames_that_follow_each_other_fast_tell_as_much():
-    told, scene, reasons = Told(), texture(1), set()
-    policy = MovingThings(told)
-    for step in range(5 * STEPS):
-        slow = [replace(one, velocity=tuple(np.array(one.velocity) / 5)) for one in school(1)]
-        picture, mask = pictured(scene, motion(step / 5, **OWN), slow, step, 1)
-        told.mask = in_patches(mask)
-        verdict = policy.judge(frame(step, picture, t=1e9 + step * STEP_S / 5)).verdict
-        reasons.add((verdict.status, verdict.reason))
+    slow = [replace(one, velocity=tuple(np.array(one.velocity) / 5)) for one in school(1)]
+    own = {"shift": (0.6, 0.2), "turn_deg": 0.1, "growth": 1.002}
+    verdicts, _ = swum(Told(), slow, own, steps=5 * STEPS, t=lambda step: step * STEP_S / 5)
+    reasons = {(verdict.status, verdict.reason) for verdict in verdicts}
     assert reasons == {(OBSTACLE, Reason.OK), (UNKNOWN, Reason.MOVING)}
 
 
 @pytest.mark.parametrize(("gap_s", "known"), [(0.9, True), (1.1, False)])
 def test_over_a_gap_in_time_nothing_is_compared(gap_s, known):
-    told, scene = Told(), texture(1)
-    policy = MovingThings(told)
-    for step in range(STEPS):
-        picture, mask = pictured(scene, motion(step, **OWN), school(1), step, 1)
-        told.mask = in_patches(mask)
-        t_s = 1e9 + STEP_S * step + (gap_s - STEP_S if step == STEPS - 1 else 0)
-        verdict = policy.judge(frame(step, picture, t=t_s)).verdict
-    assert (verdict.moving is not None) == known
+    late = gap_s - STEP_S
+    verdicts, _ = swum(Told(), school(1), t=lambda at: STEP_S * at + late * (at == STEPS - 1))
+    assert (verdicts[-1].moving is not None) == known
 
 
 def test_a_school_that_left_is_forgotten():
@@ -210,11 +202,6 @@ def test_a_school_that_left_is_forgotten():
 
 
 def test_without_fish_nothing_moves():
-    told = Told()
-    policy, scene = MovingThings(told), texture(1)
-    for step in range(STEPS):
-        verdict = policy.judge(
-            frame(step, pictured(scene, motion(step, **OWN), step=step)[0])
-        ).verdict
+    verdict = swum(Told(), [])[0][-1]
     assert (verdict.status, verdict.moving, verdict.reason) == (CLEAR, 0.0, Reason.OK)
     assert verdict.mask_size == (HEIGHT, WIDTH)

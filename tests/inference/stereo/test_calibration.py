@@ -62,16 +62,6 @@ def test_what_is_wrong_is_said(write, changes, message):
     refuses(message, load_calibration, write(**changes))
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"{", b"hello", b"%YAML:1.0\n---\nK1: [", b"\xff\x00\x01"]
-)
-def test_other_files_are_refused(tmp_path, content):
-    path = tmp_path / "c.yml"
-    path.write_bytes(content)
-    refuses("calibration", load_calibration, path)
-    refuses("does not exist", load_calibration, tmp_path / "none.yml")
-
-
 BARREL = np.array([-0.9, 0.0, 0.0, 0.0, 0.0])  # r (1 - 0.9 r^2) turns back at r = 0.609
 
 
