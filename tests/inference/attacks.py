@@ -57,6 +57,11 @@ def band(top, share, colour):
     return of
 
 
+def attacked(name, picture):
+    """An attack whose picture has the size that it had."""
+    return cv2.resize(ATTACKS[name](picture), picture.shape[1::-1])
+
+
 GREY, GREEN = (128, 128, 128), (0, 135, 0)
 ATTACKS = {
     "noise 12,4": noise(12, 4),

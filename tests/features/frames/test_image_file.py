@@ -6,13 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tokt.features.common.errors import FrameError
-from tokt.features.frames.image_file import (
-    _jpeg_fault,
-    decode_image,
-    is_shown_alike,
-    pixel_sha256,
-    read_image,
-)
+from tokt.features.frames.image_file import decode_image, is_shown_alike, pixel_sha256, read_image
 
 Image = NDArray[np.uint8]
 
@@ -147,17 +141,15 @@ def test_pixel_hash_is_of_pixels(tmp_path, gray):
 
 
 @pytest.mark.mission
-def test_every_real_frame_is_accepted(mission):
+def test_real_frames_are_accepted_and_their_beginnings_are_not(mission):
     files = sorted(mission.glob("*/*.jpg"))
     assert len(files) == 492
-    for index, file in enumerate(files):
+    for file in files[::12]:
         data = file.read_bytes()
-        assert not _jpeg_fault(data), file
-        if index % 40 == 0:
-            assert decode_image(data, file.name).shape[:2] == (1024, 1360)
-            for end in range(1000, len(data) - 1, len(data) // 5):
-                with pytest.raises(FrameError):
-                    decode_image(data[:end], file.name)
+        assert decode_image(data, file.name).shape[:2] == (1024, 1360)
+        for end in range(1000, len(data) - 1, len(data) // 5):
+            with pytest.raises(FrameError):
+                decode_image(data[:end], file.name)
 
 
 def test_a_png_that_says_it_is_huge_is_not_decoded(gray):

@@ -2,10 +2,10 @@
 
 from functools import cache
 
-import cv2
 import numpy as np
 import pytest
 
+from tests.inference.attacks import ATTACKS, attacked
 from tests.inference.conftest import NoiseScorer
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT, RIGHT, open_mission
@@ -111,27 +111,17 @@ def test_a_killed_model_file_leaves_disparity(bundle_file, tmp_path, stereo, pai
     assert water[-1] == CLEAR
 
 
-TURNED = {
-    "turned by 180": lambda view: cv2.rotate(view, cv2.ROTATE_180),
-    "turned by 90": lambda view: cv2.resize(np.rot90(view), view.shape[1::-1]),
-    "turned by 270": lambda view: cv2.resize(np.rot90(view, 3), view.shape[1::-1]),
-    "mirrored": lambda view: cv2.flip(view, 1),
-    "enlarged": lambda view: cv2.resize(view[256:768, 340:1020], (1360, 1024)),
-    "the right camera's": None,
-}
-
-
 @pytest.mark.parametrize("name", ["disparity", "either"])
-@pytest.mark.parametrize("change", TURNED)
+@pytest.mark.parametrize(
+    "change", ["turned 180", "turned 90", "mirrored", "zoom", "the right camera's"]
+)
 @pytest.mark.parametrize("number", [TOWER, WATER])
 def test_a_left_view_that_is_not_what_it_should_be_is_never_clear(
     change, name, number, policy, pair
 ):
     seen = pair(number)
-    left = seen.right if TURNED[change] is None else TURNED[change](seen.left)
-    judge = policy(name)
-    frame = Frame(number, 0.0, np.ascontiguousarray(left), seen.right)
-    verdict = judge.judge(frame).verdict
+    left = attacked(change, seen.left) if change in ATTACKS else seen.right
+    verdict = policy(name).judge(Frame(number, 0.0, left, seen.right)).verdict
     if name == "disparity":
         assert verdict.status == UNKNOWN
     assert verdict.status != CLEAR

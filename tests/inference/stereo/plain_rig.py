@@ -27,6 +27,24 @@ def even_sea() -> np.ndarray:
     return np.linspace(25, 45, WIDTH) + np.random.default_rng(9).uniform(-0.5, 0.5, (HEIGHT, 1))
 
 
+SQUARE_PX = 320
+
+
+def square_texture(cells: int = 80) -> np.ndarray:
+    small = np.random.default_rng(3).uniform(20, 120, (cells, cells))
+    return cv2.resize(small, (SQUARE_PX, SQUARE_PX))
+
+
+def pair_with(texture: np.ndarray, x: int, y: int, disparity_px: int) -> list[np.ndarray]:
+    """Both views of an even sea with one thing in it, at (x, y) in the left one."""
+    left, right = even_sea(), even_sea()
+    height, width = texture.shape
+    left[y : y + height, x : x + width] = texture
+    there = x - disparity_px
+    right[y : y + height, max(there, 0) : there + width] = texture[:, max(-there, 0) :]
+    return [view.round().astype(np.uint8) for view in (left, right)]
+
+
 def store_parts(path: Path, parts: Mapping[str, Any]) -> Path:
     """Write a calibration file with cv2 alone."""
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)

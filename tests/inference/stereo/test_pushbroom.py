@@ -20,33 +20,26 @@ from .plain_rig import (
     FOCAL_PX,
     HEIGHT,
     PLAIN,
+    SQUARE_PX,
     WIDTH,
-    even_sea,
     lamp_light,
     lit_sea,
+    pair_with,
     sea_trial_pair,
+    square_texture,
     unfit_pairs,
 )
 
 FOCAL_BASELINE = FOCAL_PX * BASELINE_M
-SQUARE_PX, X, Y = 320, 780, 350
+X, Y = 780, 350
 MASK = 360 / WIDTH
 CELL = 4 / MASK  # pixels at full size
 
-Drawn = tuple[np.ndarray, np.ndarray]
 
-
-def draw(distance_m: float, texture: np.ndarray | None = None, x: int = X, y: int = Y) -> Drawn:
+def draw(distance_m: float, texture: np.ndarray | None = None, x: int = X, y: int = Y):
     """An even sea with one thing in it, at (x, y) in the left view and at a distance."""
-    if texture is None:
-        rng = np.random.default_rng(3)
-        texture = cv2.resize(rng.uniform(20, 120, (40, 40)), (SQUARE_PX, SQUARE_PX))
-    left, right = even_sea(), even_sea()
-    height, width = texture.shape
-    start = x - round(FOCAL_BASELINE / distance_m)
-    left[y : y + height, x : x + width] = texture
-    right[y : y + height, max(start, 0) : start + width] = texture[:, max(-start, 0) :]
-    return left.round().astype(np.uint8), right.round().astype(np.uint8)
+    texture = square_texture(40) if texture is None else texture
+    return pair_with(texture, x, y, round(FOCAL_BASELINE / distance_m))
 
 
 EMPTY = tuple(view.round().astype(np.uint8) for view in lit_sea(1))

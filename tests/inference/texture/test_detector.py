@@ -11,15 +11,6 @@ from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import read_bundle
 
 
-def test_the_mask_is_the_grid_painted(noise_scorer, draw_frame):
-    picture = draw_frame([(2, 3), (7, 9)])
-    found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, picture, None))
-    obstacle = np.zeros((10, 10), bool)
-    obstacle[2, 3] = obstacle[7, 9] = True
-    np.testing.assert_array_equal(found.mask, noise_scorer.grid.paint(obstacle, 271, 360))
-    assert found.model == "noise/1" and found.fault == ""
-
-
 def test_a_real_bundle_is_a_scorer(bundle_file, draw_frame):
     bundle = read_bundle(bundle_file)
     picture = draw_frame([(2, 3)], seed=5)
@@ -69,22 +60,6 @@ def noisy(mean: float, sigma: float, height: int = 200, width: int = 300) -> np.
     rng = np.random.default_rng(1)
     light = mean * np.linspace(0.7, 1.3, width)
     return (light + sigma * rng.standard_normal((height, width))).clip(0, 255).astype(np.uint8)
-
-
-@pytest.mark.parametrize(
-    ("picture", "word"),
-    [
-        (np.zeros((200, 300), np.uint8), "dark"),
-        (noisy(1, 1.5), "dark"),
-        (np.full((200, 300, 3), 128, np.uint8), "blank"),
-        (np.tile(np.where(np.arange(300) < 160, 255, 40).astype(np.uint8), (200, 1)), "saturated"),
-        (np.zeros((200, 300), np.uint16), "8-bit"),
-        (np.zeros((0, 300), np.uint8), "8-bit"),
-        (np.zeros((200, 300, 4), np.uint8), "8-bit"),
-    ],
-)
-def test_frames_that_cannot_be_judged(picture, word):
-    assert word in frame_fault(picture)
 
 
 def hot_pixels(share: float, depth: tuple[int, ...]) -> np.ndarray:
