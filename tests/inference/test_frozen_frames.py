@@ -196,12 +196,6 @@ def test_what_is_no_picture_is_left_to_others():
         assert not any(faults([odd] * 9))
 
 
-def test_a_black_picture_every_other_time_does_not_hide_a_frozen_one():
-    frozen, black = water(LIGHT), np.zeros((HEIGHT, WIDTH), np.uint8)
-    told = faults([water(LIGHT), frozen, black] + [frozen, black] * 5)
-    assert not any(told[:3]) and all(told[3:])
-
-
 @pytest.mark.study
 @pytest.mark.parametrize("sigma", [0.7, 3.0])
 def test_thousands_of_pictures_of_still_water_are_all_new(sigma):

@@ -45,24 +45,6 @@ def test_a_report_has_frame_time_age_and_latency(publisher, sent, hand_clock):
     assert (report.verdict.status, report.verdict.reason) == (CLEAR, Reason.OK)
 
 
-@pytest.mark.parametrize(
-    ("waits_s", "takes_s", "reason"), [(0.6, 0.01, Reason.STALE), (0.3, 0.3, Reason.LATE)]
-)
-def test_an_old_clear_is_unknown_and_an_old_obstacle_stays(
-    publisher, hand_clock, waits_s, takes_s, reason
-):
-    said = []
-    for verdict in (EMPTY, FULL, BLIND):
-        frame = a_frame(hand_clock)
-        hand_clock.now += waits_s
-        publisher.begin(frame)
-        hand_clock.now += takes_s
-        said.append(publisher.publish(frame, Judgement(verdict)).verdict)
-    assert [one.status for one in said] == [UNKNOWN, OBSTACLE, UNKNOWN]
-    assert [one.reason for one in said] == [reason, reason, Reason.DARK]
-    assert all(" ms old" in one.health for one in said[:2])
-
-
 def test_silence_is_broken_by_unknown_with_the_reason(publisher, sent, hand_clock):
     hand_clock.now += 0.49
     publisher.heartbeat()

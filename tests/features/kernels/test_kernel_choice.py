@@ -1,18 +1,12 @@
 """Which kernels a process uses: TOKT_KERNELS, and a package without the compiled ones."""
 
-from pathlib import Path
-
 import pytest
 
-import tokt
-import tokt.features
 from tests.calls import refuses, run_python
 from tokt.features.kernels.dispatch import load_kernels
 
 from .each_kernel import needs_compiled
 
-FEATURES = Path(tokt.features.__file__).parent
-PARTS = ("labels", "training", "models", "inference")
 NAME_AND_WHY = (
     "from tokt.features.kernels.dispatch import KERNELS; print(KERNELS.name, '|', KERNELS.why)"
 )
@@ -23,39 +17,22 @@ DESCRIBE = (
     "from tokt.features.extractors.extractor import extractor_named as named; "
     "named('haralick+lbp').describe(np.ones((60, 80, 3), np.uint8), Grid(3, 4, 40))"
 )
-# An editable install looks for modules that a package lacks in the checkout.
-NO_EDITABLE_INSTALL = """
+NOT_BUILT = """
 import sys
-sys.meta_path[:] = [one for one in sys.meta_path if not one.__module__.startswith("__editable__")]
+class NotBuilt:
+    @staticmethod
+    def find_spec(name, *_):
+        if name == "tokt.features.kernels._native":
+            raise ModuleNotFoundError(name=name)
+sys.meta_path.insert(0, NotBuilt)
 """
+"""A Python in which the package has all but the compiled kernels."""
 
 
-def run(*arguments: str, kernels: str = "", path: Path | None = None) -> tuple[int, str, str]:
+def run(*arguments: str, kernels: str = "") -> tuple[int, str, str]:
     """A new Python: its exit code, output and errors."""
-    own = {"PYTHONPATH": str(path), "PYTHONSAFEPATH": "1"} if path else {}
-    done = run_python(*arguments, TOKT_KERNELS=kernels, **own)
+    done = run_python(*arguments, TOKT_KERNELS=kernels)
     return done.returncode, done.stdout, done.stderr
-
-
-@pytest.fixture(scope="module")
-def without_extension(tmp_path_factory):
-    """A folder to import this package from, complete but for the compiled kernels."""
-    root = tmp_path_factory.mktemp("package")
-    (root / "sitecustomize.py").write_text(NO_EDITABLE_INSTALL, encoding="utf-8")
-    package = root / "tokt"
-    (package / "features" / "kernels").mkdir(parents=True)
-    for path in Path(tokt.__file__).parent.iterdir():
-        if path.name != "features":
-            (package / path.name).symlink_to(path)
-    for path in FEATURES.iterdir():
-        if path.name != "kernels":
-            (package / "features" / path.name).symlink_to(path)
-    for path in (FEATURES / "kernels").glob("*.py"):
-        (package / "features" / "kernels" / path.name).symlink_to(path)
-    for part in PARTS:
-        if not (package / part).exists():
-            (package / part).symlink_to(FEATURES.parent / part)
-    return root
 
 
 @needs_compiled
@@ -87,11 +64,12 @@ def test_an_unknown_name_is_one_line():
     assert run(*A_RUN, kernels="Compiled") == (2, "", said)
 
 
-def test_numpy_where_nothing_is_compiled(without_extension):
-    code, out, err = run("-c", f"{DESCRIBE}; {NAME_AND_WHY}", path=without_extension)
+def test_numpy_where_nothing_is_compiled():
+    code, out, err = run("-c", f"{NOT_BUILT}{DESCRIBE}; {NAME_AND_WHY}")
     assert (code, err) == (0, "")
     assert out.startswith("numpy | no compiled ones: they were not built; install a platform's")
-    code, out, err = run(*A_RUN, kernels="compiled", path=without_extension)
+    tokt = f"{NOT_BUILT}sys.argv = ['tokt', *{A_RUN[2:]}]\nfrom tokt.cli import main\nmain()"
+    code, out, err = run("-c", tokt, kernels="compiled")
     assert (code, out, err.count("\n")) == (2, "", 1)
     words = "TOKT_KERNELS=compiled: not on this machine: they were not built"
     assert err.startswith(f"tokt: error: {words}")

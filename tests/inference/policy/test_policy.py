@@ -50,7 +50,6 @@ class Says:
         return Detection(self.answer, self.method, model, distance_m)
 
 
-WARNS = Says("disparity", "the frames do not match", vetoes_clear=True)
 ANSWERS = {
     "obstacle": mask(3, 4, 5),
     "clear": mask(),
@@ -76,13 +75,6 @@ def test_unknown_never_becomes_clear(texture, disparity):
 
     alone = SinglePolicy(first).judge(FRAME).verdict
     assert alone.status == STATUS[texture]
-
-
-@pytest.mark.parametrize(("texture", "status"), [("clear", -1), ("obstacle", 1), ("unknown", -1)])
-def test_either_is_not_clear_against_a_sign_of_danger(texture, status):
-    verdict = EitherPolicy(Says("texture", ANSWERS[texture]), WARNS).judge(FRAME).verdict
-    assert verdict.status == status
-    assert "disparity: the frames do not match" in verdict.health
 
 
 def test_a_picture_in_memory_is_judged_like_a_frame(noise_scorer, draw_frame):
@@ -147,12 +139,6 @@ def test_what_stereo_has_no_use_for_is_refused():
 
 def broken_model() -> Any:
     raise ToktError("bundle x.tokt: a hash does not match")
-
-
-def test_fallback_goes_on_without_a_model_and_says_so():
-    policy = assemble("fallback", broken_model, STEREO).policy
-    health = policy.judge(FRAME).verdict.health
-    assert health.startswith("texture: no model: bundle x.tokt: a hash does not match; ")
 
 
 @pytest.mark.parametrize(

@@ -105,9 +105,8 @@ def test_two_frames_of_one_tick_of_the_clock_leave_the_means():
     for index, mean in enumerate(approach(20, 5.0)):
         found = [watch.add(LATER + index * STEP_S, mean) for _ in range(2)]
     assert [each.trend for each in found] == [GROWING] * 2
-    # A clock that stands still says nothing, and takes no memory.
-    stuck = [watch.add(LATER + 100, 40.0) for _ in range(50)]
-    assert stuck == [Trend()] * 50 and len(watch._slots) == 1
+    # A clock that stands still says nothing.
+    assert [watch.add(LATER + 100, 40.0) for _ in range(50)] == [Trend()] * 50
 
 
 @pytest.mark.parametrize("t_s", [LATER, LATER + 3.0, math.nan, -math.inf, math.inf, 1e308])
@@ -174,13 +173,12 @@ numbers = st.floats(allow_nan=True, allow_infinity=True)
         max_size=60,
     )
 )
-def test_nothing_raises_and_memory_is_bounded(points):
+def test_nothing_raises(points):
     watch = TrendEstimator()
     t_s = LATER
     for step_s, mean, whole in points:
         t_s = t_s + step_s if math.isfinite(t_s + step_s) else step_s
         found = watch.add(t_s, mean, whole)
-        assert len(watch._slots) <= SLOTS
         assert (found.trend is None) == (found.confidence is None)
         if found.trend is not None:
             assert found.trend in TRENDS

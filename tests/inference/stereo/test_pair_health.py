@@ -3,7 +3,6 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -31,15 +30,6 @@ def water(level: float = 30, seed: int = 0) -> View:
     return np.asarray(level + noise, np.float32)
 
 
-def with_texture(view: View, columns: slice) -> View:
-    """The same with something in it."""
-    coarse = np.random.default_rng(9).normal(0, 10, (HEIGHT // 8, WIDTH // 8 + 1))
-    texture = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
-    view = view.copy()
-    view[:, columns] += texture[:, columns].astype(np.float32)
-    return view
-
-
 def matches(textured=0.0, matched=0.0, searched=True, seed=0) -> Matches:
     """Matches of a view of which one part is textured and another matched."""
     order = np.random.default_rng(seed).permutation(HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
@@ -51,16 +41,6 @@ def matches(textured=0.0, matched=0.0, searched=True, seed=0) -> Matches:
 OPEN_WATER = matches()
 SEEN = matches(textured=0.3, matched=0.2)
 GOOD = EpipolarOffset(0.2, 0.3, 0.1, 0.05, 0.95)
-
-
-def test_open_water_and_a_true_pair_have_no_fault():
-    assert pair_fault(water(), water(45), OPEN_WATER, None) is None
-    assert pair_fault(water(), water(45), SEEN, GOOD) is None
-
-
-def test_texture_that_does_not_match_is_a_sign_of_danger():
-    fault = pair_fault(water(), water(), matches(textured=0.3, matched=0.02), None)
-    assert fault == PairFault(MISFIT, vetoes_clear=True)
 
 
 def test_texture_where_the_right_camera_cannot_see_is_no_misfit():
@@ -78,34 +58,6 @@ def test_a_covered_camera_is_named_in_open_water(rows):
     # The texture detector looks through the left camera: its clear would be wrong, too.
     assert left.vetoes_clear and not right.vetoes_clear
     assert pair_fault(bright, covered, SEEN, None).vetoes_clear
-
-
-def test_what_the_right_camera_alone_sees_is_not_clear():
-    fault = pair_fault(water(), with_texture(water(), slice(60, 160)), OPEN_WATER, None)
-    assert "the right view shows" in fault.reason
-    assert fault.vetoes_clear
-    both = with_texture(water(), slice(60, 160))
-    assert pair_fault(both, both, OPEN_WATER, None) is None
-    # A thing that reaches beyond the left view is no fault while enough of it matches.
-    assert pair_fault(water(), both, SEEN, GOOD) is None
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_a_view_too_dim_for_texture_leaves_only_an_obstacle_standing(side):
-    views = (water(9), water(20)) if side == "left" else (water(20), water(9))
-    fault = judge(PairHealth(), *views, EpipolarDriftCorrection())
-    assert f"the {side} view is too dim" in fault.reason
-    assert fault.matches_stand and not fault.vetoes_clear
-
-
-def test_texture_without_a_match_near_by_leaves_only_an_obstacle_standing():
-    valid, textured = np.zeros((2, HEIGHT, WIDTH), bool)
-    textured[:, 20:] = valid[:, 100:] = True
-    seen = replace(SEEN, valid=valid, textured=textured)
-    fault = PairHealth().judge(water(), water(seed=1), seen, GOOD, EpipolarDriftCorrection())
-    assert fault == PairFault(pair_health.NEARER, vetoes_clear=True, matches_stand=True)
-    valid[::8, ::8] = True  # a match here and there
-    assert PairHealth().judge(water(), water(seed=1), seen, GOOD, EpipolarDriftCorrection()) is None
 
 
 @pytest.mark.parametrize(
