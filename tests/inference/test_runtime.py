@@ -1,5 +1,3 @@
-import threading
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ from tokt.inference.frame import Frame
 from tokt.inference.outputs.udp import UdpSender, decode
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.recording.run_log import RunLog
-from tokt.inference.runtime import POLL_S, EveryFrame, LatestFrameBuffer, Runtime
+from tokt.inference.runtime import POLL_S, LatestFrameBuffer, Runtime
 from tokt.inference.sources.files import open_source
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import Detection
@@ -81,17 +79,6 @@ def test_only_the_newest_frame_is_kept_and_what_it_overtook_is_missed():
     buffer.close()
 
 
-def test_a_loop_that_waits_gets_nothing_and_then_the_frame_at_once():
-    source = HandSource()
-    buffer = LatestFrameBuffer(source)
-    assert buffer.take(0.01) is None and not buffer.ended
-    threading.Timer(0.02, source.give, [PICTURE]).start()
-    frame = buffer.take(MAX_S)
-    assert frame is not None and frame.number == 1
-    buffer.close()
-    assert buffer.take(MAX_S) is None and buffer.ended
-
-
 def test_the_last_frame_of_an_ended_source_is_judged():
     source = HandSource()
     source.give(PICTURE)
@@ -112,13 +99,3 @@ def test_what_the_source_raises_reaches_the_loop_after_its_last_frame():
     with pytest.raises(RuntimeError, match="out of ideas"):
         buffer.take(MAX_S)
     buffer.close()
-
-
-def test_a_replay_without_a_rate_gives_every_frame():
-    class Replayed(list[Frame]):
-        live = False
-
-    buffer = EveryFrame(Replayed([Frame(number, 0.0, PICTURE, None) for number in (1, 2, 3)]))
-    seen = [buffer.take(POLL_S) for _ in range(4)]
-    assert [frame and frame.number for frame in seen] == [1, 2, 3, None]
-    assert buffer.ended and buffer.left_out == 0

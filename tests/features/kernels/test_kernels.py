@@ -258,18 +258,6 @@ def test_threads_after_a_fork(kernels):
         child.join()
 
 
-@fast
-def test_what_was_computed_before_does_not_matter(kernels):
-    """Memory is used again from call to call: first for other sizes and circles, then for these."""
-    grid = Grid(2, 3, None)
-    small, large = paint("noise", (20, 30), 1, 0, 0), paint("few levels", (150, 210), 2, 250, 0)
-    first = [described(kernels, picture, grid) for picture in (small, large)]
-    kernels.lbp_counts(large, Grid(1, 1, None), 64, 20, "patch")
-    again = [described(kernels, picture, grid) for picture in (small, large)]
-    for one, two in zip(first, again, strict=True):
-        assert all(map(same_bits, one, two))
-
-
 # What is not a gray picture in C order.
 
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from tests.calls import refuses
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.policy.temporal_cues import Anchor, AnchorErrors
-from tokt.inference.reason import Fault, Reason
-from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
+from tokt.inference.verdict import Verdict, verdict_from_mask
 
 HEIGHT, WIDTH = 271, 360
 LABVIEW = (Path(__file__).parents[3] / "docs" / "tutorials" / "labview.md").read_text()
@@ -44,12 +43,6 @@ def test_errors_have_signs_against_the_way_to_steer(rows, cols, held, x, y, shar
     assert found.x == pytest.approx(x, abs=0.01) and found.y == pytest.approx(y, abs=0.02)
     assert found.size == pytest.approx(0.5 * math.log(share), abs=0.01)
     assert verdict.x * x < 0 and verdict.y * y < 0
-
-
-def test_nothing_seen_has_no_errors():
-    anchor = Anchor(0.1)
-    assert anchor.errors(seen(slice(0, 0), slice(0, 0))) == AnchorErrors()
-    assert anchor.errors(unknown_verdict(Fault(Reason.DARK, "dark"))) == AnchorErrors()
 
 
 @pytest.mark.parametrize("size", [0.0, -0.1, 0.009, 0.91, 10.0, math.nan, math.inf])

@@ -115,17 +115,6 @@ def test_a_late_clear_is_left_to_disparity_and_a_late_obstacle_is_one():
     assert (verdict.status, verdict.method, verdict.health) == (1, "texture", "late: 1000 ms")
 
 
-def test_speed_and_contact_reach_the_verdict():
-    class Measures(Says):
-        def detect(self, frame: Frame) -> Detection:
-            return replace(super().detect(frame), closing_m_s=0.5, contact_s=5.0)
-
-    nearing = Measures("disparity", mask(3))
-    for policy in (SinglePolicy(nearing), EitherPolicy(Says("texture", mask(5)), nearing)):
-        verdict = policy.judge(FRAME).verdict
-        assert (verdict.distance_m, verdict.closing_m_s, verdict.contact_s) == (2.5, 0.5, 5.0)
-
-
 def test_what_stereo_has_no_use_for_is_refused():
     for options, message in (
         ({"algorithm": "dense"}, "unknown stereo 'dense'"),
