@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from tokt.features.frames.mission import open_mission
-from tokt.inference.clock import SYSTEM_STOPWATCH, Clock
+from tokt.inference.clock import SYSTEM_CLOCK, SYSTEM_STOPWATCH, Clock
 from tokt.inference.policy.assembly import Assembly, assemble
 from tokt.inference.policy.object_naming import ObjectNaming
 from tokt.inference.policy.temporal_cues import Anchor
@@ -150,3 +150,12 @@ class Unhurried(MissionSource):
 def mission_source(folder: Path, clock: Clock, rate: float | None = None) -> MissionSource:
     """Each frame of a folder."""
     return Unhurried(open_mission(folder), clock, rate=rate)
+
+
+def log_folder(folder, bundle, log, clock=SYSTEM_CLOCK, rate=None, how=None, **start) -> str:
+    """Run policy texture over each frame of a folder, with a log; the run's id.
+
+    `start` are what the run began with, and `how` what else `log_run` takes.
+    """
+    source, begun = mission_source(folder, clock, rate), texture_start(folder, bundle, **start)
+    return log_run(source, begun, log, clock, read_bundle(bundle), **(how or {}))

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.calls import refused, succeeds
-from tests.inference.logged_runs import lines, log_run, mission_source, texture_start, write_lines
+from tests.inference.logged_runs import lines, log_folder, write_lines
 from tests.inference.replay.test_logged_run import BEGIN, FRAME, START, TODAY, log_of
 from tests.tiers import scaled
 from tokt.features.frames.mission import open_mission
@@ -75,8 +75,7 @@ def rows(path):
 def run_log(make_mission, bundle_file, tmp_path):
     """A run over three scenes with decision values; its log and its mission."""
     folder, log = make_mission(SCENES), tmp_path / "run.jsonl"
-    start, source = texture_start(folder, bundle_file), mission_source(folder, SYSTEM_CLOCK)
-    log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle_file))
+    log_folder(folder, bundle_file, log)
     return log, folder
 
 
@@ -196,13 +195,12 @@ def test_without_its_model_a_run_has_no_patches(run_log, tmp_path):
 
 def test_a_recording_is_exported_with_the_pictures_beside_it(make_mission, bundle_file, tmp_path):
     folder, log, kept = make_mission(SCENES), tmp_path / "run.jsonl", tmp_path / "rec"
-    start = texture_start(folder, bundle_file, record=str(kept), source="pymba:DEV_1")
 
     def recorder(run):
         return [Recorder(kept, run, SYSTEM_CLOCK, most_mb=100, reserve_mb=0)]
 
-    source = mission_source(folder, SYSTEM_CLOCK)
-    run = log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle_file), observers=recorder)
+    started = {"record": str(kept), "source": "pymba:DEV_1"}
+    run = log_folder(folder, bundle_file, log, how={"observers": recorder}, **started)
     whole, clip = tmp_path / "whole.mcap", tmp_path / "clip.mcap"
     assert exported(log, whole)["with_picture"] == 3
     told = exported(kept / run, clip)

@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 
 from tests.calls import call_tokt, refused
 from tests.inference.conftest import draw, write_mission
-from tests.inference.logged_runs import lines, log_run, mission_source, texture_start, write_lines
+from tests.inference.logged_runs import lines, log_folder, write_lines
 from tests.models.parts import golden_of
 from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
-from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.outputs.udp import decode, encode_v2
 from tokt.inference.recording.run_log import events_path
 from tokt.inference.recording.run_start import used_file
@@ -56,19 +55,12 @@ def scene(frame: int) -> list[tuple[int, int]]:
     return [(top + dy, 4 + dx) for dy in (0, 1) for dx in (0, 1)] if 1 <= top <= 7 else []
 
 
-def log_scenes(folder, bundle, log, **start):
-    """Log a run over the frames of that thing."""
-    source = mission_source(folder, SYSTEM_CLOCK)
-    start = texture_start(folder, bundle, **start)
-    log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle))
-
-
 @pytest.fixture(scope="module")
 def run_once(three_classes, tmp_path_factory):
     """A log of fourteen frames with that thing, and the folder of its frames."""
     root = tmp_path_factory.mktemp("run")
     folder = write_mission(root / "dive", [scene(frame) for frame in range(1, 15)])
-    log_scenes(folder, three_classes, root / "run.jsonl")
+    log_folder(folder, three_classes, root / "run.jsonl")
     return root / "run.jsonl", folder
 
 
@@ -207,7 +199,7 @@ def test_damaged_lines_are_left_out_and_said(logged, tmp_path):
 
 def test_a_model_of_two_classes_has_no_findings(make_mission, bundle_file, tmp_path):
     log = tmp_path / "run.jsonl"
-    log_scenes(make_mission([[], [(4, 4)]]), bundle_file, log)
+    log_folder(make_mission([[], [(4, 4)]]), bundle_file, log)
     assert {line["classes"] for line in lines(log)} == {None}
     refused("need a model of several classes", "findings", log, "-o", tmp_path / "out.csv")
 
@@ -317,7 +309,7 @@ def test_a_track_over_the_date_line_goes_on(logged):
 
 def test_the_run_s_own_odometry_must_be_unchanged(run_once, three_classes, tmp_path):
     log, given = tmp_path / "second.jsonl", poses(tmp_path / "given.csv")
-    log_scenes(run_once[1], three_classes, log, odometry=used_file(given))
+    log_folder(run_once[1], three_classes, log, odometry=used_file(given))
     assert open_track(log).along_m[-1] == pytest.approx(13 * STEP_M)
     poses(given, range(1, 10))
     refused("is not the one that the run had", "findings", log, "-o", tmp_path / "out.csv")

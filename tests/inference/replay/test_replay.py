@@ -19,6 +19,7 @@ from tests.inference.logged_runs import (
     Seconds,
     Switch,
     lines,
+    log_folder,
     log_run,
     mission_source,
     stereo_start,
@@ -68,8 +69,7 @@ def logged(make_mission, log):
 
     def run(scenes: list[Any], bundle: Path, **start: Any) -> Path:
         folder = make_mission(scenes)
-        source, start = mission_source(folder, SYSTEM_CLOCK), texture_start(folder, bundle, **start)
-        log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle))
+        log_folder(folder, bundle, log, **start)
         return folder
 
     return run
@@ -104,9 +104,8 @@ def test_a_named_object_is_named_anew_where_its_picture_is_there(make_mission, r
         cv2.imwrite(
             str(folder / "Left" / f"t_L_{number}.jpg"), named_object.picture(*seen, seed=number)
         )
-    start, model = texture_start(folder, ruled), read_bundle(ruled)
-    source = mission_source(folder, SYSTEM_CLOCK)
-    log_run(source, start, log, SYSTEM_CLOCK, model, named="1:94,90,60,84")
+    named = {"named": "1:94,90,60,84"}
+    log_folder(folder, ruled, log, how=named)
     states = [(line["anchor"], line["anchor_x"] is None) for line in lines(log)]
     held, not_held = ("held", False), ("searching", True)
     assert states == [*[not_held] * 2, *[held] * 3, not_held, *[held] * 2]
@@ -124,8 +123,7 @@ def test_a_named_object_is_named_anew_where_its_picture_is_there(make_mission, r
     assert replayed(log, code=1)["compared"] == 8  # as of a log of before
     log.unlink()
     events_path(log).unlink()
-    named = {"named": "1:94,90,60,84", "named_after": 2}
-    log_run(source, start, log, SYSTEM_CLOCK, model, **named)
+    log_folder(folder, ruled, log, how={**named, "named_after": 2})
     assert [line["anchor"] for line in lines(log)][:5] == [None, None, *["searching"] * 2, "held"]
     assert replayed(log)["same_to_the_bit"] == 8
 
@@ -180,9 +178,7 @@ def test_a_model_that_was_exchanged_is_exchanged_at_the_same_frame(
     first, second = bundles
     # At the seventh frame back and forth: the rule knows of no frame before.
     switch = Switch(SYSTEM_CLOCK, {4: second, 6: first, 8: first})
-    start = texture_start(folder, ruled, models_from=str(store.path))
-    source = mission_source(folder, SYSTEM_CLOCK)
-    log_run(source, start, log, SYSTEM_CLOCK, first, switch=switch)
+    log_folder(folder, ruled, log, how={"switch": switch}, models_from=str(store.path))
     said = [line["status"] for line in lines(log)]
     assert said == [-1, 1, 1, 0, 0, -1, 1, -1, 1]
     assert [line["seq"] for line in lines(events_path(log))] == [0, 3, 5, 7]
@@ -290,9 +286,7 @@ APPROACH = [GROWING[min(index // 6, 2)] for index in range(44)]
 
 def log_approach(folder: Path, bundle: Path, log: Path, clock: Any, switch: Any = None) -> None:
     """Four frames a second of a thing that grows, flickers, and then stays."""
-    start = texture_start(folder, bundle, anchor=0.1)
-    source = mission_source(folder, clock, rate=4.0)
-    log_run(source, start, log, clock, read_bundle(bundle), switch=switch)
+    log_folder(folder, bundle, log, clock, 4.0, {"switch": switch}, anchor=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -351,14 +345,12 @@ def test_a_recording_is_compared_where_enough_of_it_is_known(
     for number in range(1, 17):
         picture = draw_frame([(4, 4)] if number in (1, 2, 11, 12, 13) else [], number)
         cv2.imwrite(str(folder / f"t_{number}.png"), picture)
-    record = str(tmp_path / "kept")
-    start = texture_start(folder, ruled, model_note="the last good model", record=record)
 
     def recorder(run: str) -> list[Observer]:
         return [Recorder(tmp_path / "kept", run, hand_clock, 0.5, 0.5, 100.0, 0.0)]
 
-    source = mission_source(folder, hand_clock, rate=5.0)
-    run = log_run(source, start, log, hand_clock, read_bundle(ruled), observers=recorder)
+    started = {"model_note": "the last good model", "record": str(tmp_path / "kept")}
+    run = log_folder(folder, ruled, log, hand_clock, 5.0, {"observers": recorder}, **started)
     kept = tmp_path / "kept" / run
     numbers = open_mission(kept).frames()
     assert numbers == [1, 2, 3, 4, 5, *range(10, 17)]
@@ -486,9 +478,7 @@ def schooled(tmp_path):
 
 
 def test_moving_things_come_out_the_same(schooled, bundle_file, hand_clock, log):
-    start = texture_start(schooled, bundle_file)
-    source = mission_source(schooled, hand_clock, rate=4.0)
-    log_run(source, start, log, hand_clock, read_bundle(bundle_file))
+    log_folder(schooled, bundle_file, log, hand_clock, 4.0)
     said = lines(log)
     assert [line["moving"] for line in said[:3]] == [None] * 3 and said[3]["moving"] > 0
     assert {(line["status"], line["reason"]) for line in said} >= {(1, "ok"), (-1, "moving")}
@@ -505,9 +495,7 @@ def test_moving_things_come_out_the_same(schooled, bundle_file, hand_clock, log)
 
 
 def test_a_log_of_before_things_moved_comes_out_the_same(schooled, bundle_file, hand_clock, log):
-    start = texture_start(schooled, bundle_file, moving=None)
-    source = mission_source(schooled, hand_clock, rate=4.0)
-    log_run(source, start, log, hand_clock, read_bundle(bundle_file))
+    log_folder(schooled, bundle_file, log, hand_clock, 4.0, moving=None)
     for path in (log, events_path(log)):
         write_lines(path, [{k: line[k] for k in line if k != "moving"} for line in lines(path)])
     found = replayed(log)
