@@ -75,6 +75,17 @@ def test_silence_is_broken_by_unknown_with_the_reason(publisher, sent, hand_cloc
     assert publisher.heartbeats() == []
 
 
+def test_frames_that_there_was_no_time_for_are_told(publisher, hand_clock):
+    frame = a_frame(hand_clock)
+    publisher.begin(frame)
+    report = publisher.publish(frame, Judgement(EMPTY), left_out=2)
+    assert (report.verdict.status, report.verdict.reason) == (CLEAR, Reason.OVERLOAD)
+    assert report.verdict.health == "overload: no time for 2 frames before this one"
+    publisher.begin(frame)
+    blind = publisher.publish(frame, Judgement(BLIND), left_out=1)
+    assert blind.verdict.reason is Reason.DARK and "no time for 1 frame" in blind.verdict.health
+
+
 def test_a_replay_as_fast_as_it_can_has_no_old_frames(sent, hand_clock):
     publisher = ReportPublisher([sent], hand_clock, Limits(), live=False)
     frame = a_frame(hand_clock)
@@ -104,3 +115,12 @@ def test_nothing_is_held_in_an_old_frame(verdict):
     assert mark_stale(replace(held, anchor="lost"), 0.6, 0.0, 0.5).anchor == "lost"
     shared = replace(FULL, anchor_x=0.1)  # of --anchor alone: an obstacle's, which stays
     assert mark_stale(shared, 0.6, 0.0, 0.5).anchor_x == 0.1
+
+
+def test_the_time_of_day_has_no_say_in_a_frame_s_age(publisher, hand_clock, monkeypatch):
+    frame = a_frame(hand_clock)
+    monkeypatch.setattr(hand_clock, "time", lambda: 0.0)  # set back by years
+    publisher.begin(frame)
+    hand_clock.now += 0.02
+    report = publisher.publish(frame, Judgement(EMPTY))
+    assert report.age_ms == pytest.approx(20) and report.verdict.status == CLEAR

@@ -174,3 +174,12 @@ def test_frames_that_disparity_is_not_asked_about_are_missing_to_it():
         "missing to it: nothing it remembers is younger than it is",
         "nothing",
     )
+
+
+def test_only_exceptions_are_guarded():
+    class Interrupted(Says):
+        def detect(self, frame: Frame) -> Detection:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        SinglePolicy(Interrupted("texture", None)).judge(FRAME)

@@ -136,6 +136,14 @@ def test_what_is_cut_off_by_the_edge_has_a_trend_but_no_contact():
     assert given_[10 + SLOTS].contact_s is not None
 
 
+def test_one_frame_that_is_cut_off_is_enough():
+    watch = TrendEstimator()
+    for index in range(40):  # two frames in a slot
+        mean = 1000.0 / (10.0 - 0.125 * index) ** 2
+        found = watch.add(LATER + 0.125 * index, mean, whole=index != 30)
+    assert found.trend == GROWING and found.contact_s is None
+
+
 def test_a_full_picture_has_no_trend():
     full = SATURATED_MEAN + 1
     assert after([full] * 20) == Trend()
@@ -287,6 +295,15 @@ def test_no_truth_is_often_taken_for_another(rate_per_s, wrong, most):
     for word in wrong:
         sure = sum(each.trend == word and (each.confidence or 0) >= 0.9 for each in found)
         assert sure / len(found) <= most
+
+
+def test_a_slope_through_few_means_is_less_sure():
+    """Student's distribution, and not the normal one: five means have three degrees of freedom."""
+    rng = np.random.default_rng(10)
+    found = [answer(curve(rng, STEADY_PER_S, 8, fps=1.2)) for _ in range(500)]
+    told = [each for each in found if each.trend is not None]
+    sure = sum(each.trend == GROWING and (each.confidence or 0) >= 0.9 for each in told)
+    assert len(told) > 200 and sure / len(told) <= 0.11
 
 
 @pytest.mark.parametrize(("rate_per_s", "least_share"), [(0.1, 0.15), (0.2, 0.75), (0.4, 0.95)])

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -28,6 +29,15 @@ def water(level: float = 30, seed: int = 0) -> View:
     """An open-water view with a camera's noise."""
     noise = np.random.default_rng(seed).normal(0, 0.5, (HEIGHT, WIDTH))
     return np.asarray(level + noise, np.float32)
+
+
+def with_texture(view: View, columns: slice) -> View:
+    """The same with something in it."""
+    coarse = np.random.default_rng(9).normal(0, 10, (HEIGHT // 8, WIDTH // 8 + 1))
+    texture = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
+    view = view.copy()
+    view[:, columns] += texture[:, columns].astype(np.float32)
+    return view
 
 
 def matches(textured=0.0, matched=0.0, searched=True, seed=0) -> Matches:
@@ -58,6 +68,16 @@ def test_a_covered_camera_is_named_in_open_water(rows):
     # The texture detector looks through the left camera: its clear would be wrong, too.
     assert left.vetoes_clear and not right.vetoes_clear
     assert pair_fault(bright, covered, SEEN, None).vetoes_clear
+
+
+def test_what_the_right_camera_alone_sees_is_not_clear():
+    fault = pair_fault(water(), with_texture(water(), slice(60, 160)), OPEN_WATER, None)
+    assert "the right view shows" in fault.reason
+    assert fault.vetoes_clear
+    both = with_texture(water(), slice(60, 160))
+    assert pair_fault(both, both, OPEN_WATER, None) is None
+    # A thing that reaches beyond the left view is no fault while enough of it matches.
+    assert pair_fault(water(), both, SEEN, GOOD) is None
 
 
 @pytest.mark.parametrize(
