@@ -80,6 +80,14 @@ def test_what_the_right_camera_alone_sees_is_not_clear():
     assert pair_fault(water(), both, SEEN, GOOD) is None
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_view_too_dim_for_texture_leaves_only_an_obstacle_standing(side):
+    views = (water(9), water(20)) if side == "left" else (water(20), water(9))
+    fault = judge(PairHealth(), *views, EpipolarDriftCorrection())
+    assert f"the {side} view is too dim" in fault.reason
+    assert fault.matches_stand and not fault.vetoes_clear
+
+
 @pytest.mark.parametrize(
     ("offset", "told"),
     [
