@@ -105,6 +105,13 @@ def test_json_is_read_exactly_or_refused(value):
     assert repr(grid.to_json()) == repr({key: value[key] for key in ("rows", "cols", "width")})
 
 
+@pytest.mark.parametrize(
+    "value", [{"rows": 10, "cols": 10.5, "width": 360}, {"rows": 1}, None, [1]]
+)
+def test_json_of_another_kind_is_refused(value):
+    refuses("", Grid.from_json, value)
+
+
 @pytest.mark.parametrize(("height", "width"), [(29, 360), (2, 360), (0, 360)])
 def test_too_small_a_frame(height, width):
     grid = Grid(10, 10, 360)

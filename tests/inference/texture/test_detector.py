@@ -62,6 +62,11 @@ def noisy(mean: float, sigma: float, height: int = 200, width: int = 300) -> np.
     return (light + sigma * rng.standard_normal((height, width))).clip(0, 255).astype(np.uint8)
 
 
+def test_what_is_no_picture_of_8_bits_cannot_be_judged():
+    for shape, kind in (((200, 300), "u2"), ((0, 300), "u1"), ((200, 300, 4), "u1")):
+        assert "8-bit" in frame_fault(np.zeros(shape, kind))
+
+
 def hot_pixels(share: float, depth: tuple[int, ...]) -> np.ndarray:
     """A black frame of a camera with a few pixels that are always bright."""
     rng = np.random.default_rng(1)
