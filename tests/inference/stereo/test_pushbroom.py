@@ -192,15 +192,15 @@ def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector):
 
 
 @pytest.mark.parametrize(
-    ("distance_m", "words"),
+    ("farther_apart", "words"),
     [
-        (0.5, "cannot look at 0.5 m with this calibration, only from 0.97 to 22 m"),
-        (40.0, "cannot look at 40 m"),
+        (0.3, "cannot look at 8 m with this calibration, only from 0.29 to 6.6 m"),
+        (4.0, "cannot look at 3 m"),
     ],
 )
-def test_distances_that_these_cameras_cannot_tell_are_refused(distance_m, words, monkeypatch):
-    monkeypatch.setattr(pushbroom, "DISTANCES_M", (distance_m,))
-    refuses(words, PushbroomDetector, PLAIN, Grid())
+def test_distances_that_these_cameras_cannot_tell_are_refused(farther_apart, words):
+    apart = replace(PLAIN, T_mm=farther_apart * PLAIN.T_mm)
+    refuses(words, PushbroomDetector, apart, Grid())
 
 
 @pytest.mark.parametrize("size", [(97, 61), (361, 271), (640, 203)])
