@@ -1,6 +1,7 @@
 """Pictures of a textured scene that a camera moves before, and of things that swim across it."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -16,6 +17,7 @@ STEP_S = 0.25
 NOTHING = np.zeros((HEIGHT, WIDTH), np.uint8)
 
 
+@lru_cache(24)  # a scene and a school
 def texture(seed: int, sigma: float = 2.0, size: int = 1000) -> Any:
     """Spots of some pixels, float32 (size, size), around 0."""
     rng = np.random.default_rng(seed)
