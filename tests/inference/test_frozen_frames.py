@@ -204,7 +204,7 @@ def test_thousands_of_pictures_of_still_water_are_all_new(sigma):
     some /= np.sqrt(2)
 
     def pictures():
-        for number in range(4_000):
+        for number in range(2_500):
             one, two = some[number % 40], some[(number * 7 + number // 40) % 39]
             drawn = still + one + np.roll(two, number // 40, 1)[:, ::-1]
             yield np.clip(drawn, 0, 255).round().astype(np.uint8)
@@ -218,7 +218,7 @@ def test_thousands_of_pictures_of_still_water_are_all_new(sigma):
 @pytest.mark.parametrize("sigma", [0.7, 1.5, 3.0])
 def test_compressed_still_water_is_new_each_time(quality, levels, sigma):
     still, rng = light(*levels, 271, 360), np.random.default_rng(6)
-    assert not any(faults(jpeg(water(still, sigma, rng), quality) for _ in range(75)))
+    assert not any(faults(jpeg(water(still, sigma, rng), quality) for _ in range(40)))
 
 
 @pytest.mark.mission

@@ -165,4 +165,4 @@ def test_a_picture_with_zeroed_data_is_refused(mission, suffix):
 def test_frames_of_the_sea_trial_can_be_judged(mission):
     paths = sorted(mission.glob("*/*.jpg"))
     assert len(paths) == 492
-    assert {frame_fault(read_image(path)) for path in paths[::3]} == {""}
+    assert {frame_fault(read_image(path)) for path in paths[::6]} == {""}
