@@ -2,11 +2,8 @@
 
 import http.client
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,10 +11,13 @@ from urllib.parse import parse_qs, urlencode, urlsplit
 
 import pytest
 
+from tests.forking import ForkedProcess, ForkHost
 from tests.waiting import MAX_S
 
 TIME = "2016-04-20T10:00:00Z"
-_TOKT = (sys.executable, "-c", "from tokt.cli import main; main()")
+IMPORTS = (
+    "import tokt.cli.labels, tokt.labels.page.api.serve, tokt.labels.page.api.app, uvicorn.server"
+)
 
 
 @dataclass(frozen=True)
@@ -37,20 +37,18 @@ class Answer:
 class PageServer:
     """A `tokt label` process and how to reach it."""
 
+    host: ForkHost
     mission: Path
     workspace: Path
     arguments: tuple[str, ...] = ()
     port: int = 0
     url: str = ""
-    process: subprocess.Popen[str] = field(init=False, repr=False)
+    process: ForkedProcess = field(init=False, repr=False)
 
     def start(self):
         """Start the process, on the port it had before if it had one, and wait until it answers."""
-        command = [*_TOKT, "label", str(self.mission), "--no-browser"]
-        command += ["--port", str(self.port), "--workspace", str(self.workspace), *self.arguments]
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-        self.process = subprocess.Popen(command, env=environment, **pipes)
+        words = ["--port", self.port, "--workspace", self.workspace, *self.arguments]
+        self.process = self.host.start("label", self.mission, "--no-browser", *words)
         line = self.process.stdout.readline()
         found = re.search(r"http://\S+", line)
         assert found, f"tokt label: {line}{self.process.stderr.read()}"
@@ -162,8 +160,15 @@ class EventStream:
                 name, data = "", None
 
 
+@pytest.fixture(scope="session")
+def page_host():
+    """The process whose children are the servers."""
+    with closing(ForkHost(IMPORTS)) as host:
+        yield host
+
+
 @pytest.fixture(scope="module")
-def page_server(tiny, tmp_path_factory):
+def page_server(page_host, tiny, tmp_path_factory):
     """Start `tokt label` on a free port: ``page_server("--annotator", "anna", mission=..., ...)``.
 
     Without `mission` it shows the tiny one; without `workspace` it gets an empty one. Whatever is
@@ -173,7 +178,7 @@ def page_server(tiny, tmp_path_factory):
 
     def start(*arguments, mission=None, workspace=None):
         folder = workspace or tmp_path_factory.mktemp("page") / ".tokt"
-        server = PageServer(mission or tiny.path, folder, tuple(map(str, arguments)))
+        server = PageServer(page_host, mission or tiny.path, folder, tuple(map(str, arguments)))
         started.append(server)
         return server.start()
 
