@@ -28,10 +28,7 @@ def export_labels(
 ) -> ExportResult:
     """Write the labels in force to a file (or folder) of a format.
 
-    Raises
-    ------
-    ToktError
-        If there are none, the format cannot say them, or the file cannot be written.
+    Raises ToktError if there are none, the format cannot say them, or the file cannot be written.
     """
     settled = options.full or chosen != CSV
     records, lost = _in_force(store, wanted, settled=settled)

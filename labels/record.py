@@ -39,10 +39,7 @@ class Cell(NamedTuple):
 class LabelRecord:
     """What somebody said about a patch (the label record of the design).
 
-    Raises
-    ------
-    ToktError
-        If the patch is outside the grid or a value cannot be what it should be.
+    Raises ToktError if the patch is outside the grid or a value cannot be what it should be.
     """
 
     mission: str  # its name
@@ -91,10 +88,7 @@ class LabelRecord:
 def check_name(what: str, value: str) -> None:
     """Refuse a name that files, tables or the store would not keep as it is.
 
-    Raises
-    ------
-    ToktError
-        If `value` is empty, not trimmed or not printable.
+    Raises ToktError if `value` is empty, not trimmed or not printable.
     """
     if not value or not value.isprintable() or value != value.strip():
         raise ToktError(f"{what} {value!r} is empty or has blanks around it or unprintable signs")
@@ -109,10 +103,7 @@ def utc_now() -> str:
 def utc_text(text: str) -> str:
     """Any ISO 8601 time with a zone as label records write it: UTC, ending in ``Z``.
 
-    Raises
-    ------
-    ToktError
-        If `text` is not such a time.
+    Raises ToktError if `text` is not such a time.
     """
     try:
         moment = datetime.fromisoformat(text)

@@ -63,10 +63,7 @@ def inside(box: Box, shape: tuple[int, ...]) -> tuple[slice, slice]:
 class ObjectModel:
     """The model of what a person drew a box around, in a picture's fine detail.
 
-    Raises
-    ------
-    ToktError
-        If the box is no part of the picture, too small or large, or blank.
+    Raises ToktError if the box is no part of the picture, too small or large, or blank.
     """
 
     def __init__(self, detail: U8, box: Box) -> None:

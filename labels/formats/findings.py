@@ -20,11 +20,8 @@ def findings_audit(path: Path, mission: str, grid: Grid) -> Audit:
 
     The patches of one finding's best frame are a group, which is decided at once.
 
-    Raises
-    ------
-    ToktError
-        If the file is none of ``tokt findings``, of a newer tokt, of other missions only, or of
-        another grid.
+    Raises ToktError if the file is none of ``tokt findings``, of a newer tokt, of other missions
+    only, or of another grid.
     """
     value = of_kind(read_json(path), dict, f"{path}")
     try:

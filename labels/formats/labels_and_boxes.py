@@ -51,10 +51,7 @@ def labels_to_boxes(
 ) -> list[FrameLabels]:
     """Labels by frame; remarks tell of those that cannot be placed.
 
-    Raises
-    ------
-    ToktError
-        If there are no frames, labels of several missions, or none that can be placed.
+    Raises ToktError if there are no frames, labels of several missions, or none that can be placed.
     """
     images = mission_images(options, f"{what} needs file names and sizes of frames")
     frames: list[FrameLabels] = []
@@ -166,11 +163,8 @@ def boxes_to_labels(
 
     `remarks` has what the reader of the file itself left out.
 
-    Raises
-    ------
-    ToktError
-        If a class is not known, a box says what cannot be, or boxes need the mission's frames
-        and these are not given or are other ones.
+    Raises ToktError if a class is not known, a box says what cannot be, or boxes need the mission's
+    frames and these are not given or are other ones.
     """
     found = list(boxes)
     classes = class_names((box.label for box in found), options)
@@ -188,10 +182,7 @@ def boxes_to_labels(
 def class_names(names: Iterable[str], options: ReadOptions) -> dict[str, str]:
     """The file's class names and what they are here; nothing for what is left out.
 
-    Raises
-    ------
-    ToktError
-        If one is no class and not mapped to one; names them all.
+    Raises ToktError if one is no class and not mapped to one; names them all.
     """
     counts = Counter(names)
     found = {name: options.classes.get(name, name) for name in counts}

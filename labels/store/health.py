@@ -18,10 +18,7 @@ NAME = "labels"
 def label_store_finding(workspace: Path) -> Finding:
     """Examine a copy of the label store; opening it would create files beside it.
 
-    Raises
-    ------
-    ToktError, OSError
-        If its file cannot be read.
+    Raises ToktError or OSError if its file cannot be read.
     """
     file = workspace / FILE_NAME
     if not file.exists():

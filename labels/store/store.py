@@ -322,10 +322,7 @@ class LabelStore:
         where ``label`` holds already is left as it is. An action whose key is known writes
         nothing and gets the first time's answer.
 
-        Raises
-        ------
-        ToktError
-            If the file cannot be written, or the key was another action's.
+        Raises ToktError if the file cannot be written, or the key was another action's.
         """
         with self._transaction():
             return self._actions.apply(action)

@@ -37,10 +37,7 @@ def fold(file: Path) -> None:
     Nobody waits for it: what takes long locks nobody out, and the log is emptied only where
     nothing is left to bring over.
 
-    Raises
-    ------
-    sqlite3.DatabaseError
-        If it cannot be written. The log then holds it as before.
+    Raises sqlite3.DatabaseError if it cannot be written. The log then holds it as before.
     """
     # A connection of its own: the store's would keep whoever labels waiting.
     with closing(sqlite3.connect(file, timeout=0, isolation_level=None)) as connection:
@@ -54,10 +51,7 @@ def check_log(file: Path) -> None:
 
     A store only grows: what its file holds by itself is there with its log, too.
 
-    Raises
-    ------
-    ToktError
-        If it is not, or the two together are damaged.
+    Raises ToktError if it is not, or the two together are damaged.
     """
     if not has_log(file):
         return

@@ -39,10 +39,7 @@ _DAMAGED = (
 def read_matlab_numbers(path: Path | str) -> CalibrationNumbers:
     """`matlab_numbers` in a process of its own: scipy crashes on some damaged files.
 
-    Raises
-    ------
-    ToktError
-        As `matlab_numbers`, and where scipy crashes.
+    Raises ToktError as `matlab_numbers`, and where scipy crashes.
     """
     path = Path(path)
     context = get_context("spawn")

@@ -158,10 +158,7 @@ def _notes(
 def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     """Bring registered models together on what none of them learnt from.
 
-    Raises
-    ------
-    ToktError
-        If a model is not registered, or they are of different datasets or folds.
+    Raises ToktError if a model is not registered, or they are of different datasets or folds.
     """
     registry = Registry(workspace)
     labels = [_registered(reference, registry) for reference in references]

@@ -227,10 +227,7 @@ def log_comparison(
 
     The figures are the compared models' too, and MLflow shows them on the models' own pages.
 
-    Raises
-    ------
-    ToktError
-        If the registry cannot be reached or written.
+    Raises ToktError if the registry cannot be reached or written.
     """
     labels = [model["model"] for model in result["models"]]
     ids = {item.label: _model_id(item.bundle, registry) for item in compared.models}

@@ -50,10 +50,8 @@ class LoggedDistance(NamedTuple):
 class AtSea:
     """What is stated of dives, beside their frames and labels.
 
-    Raises
-    ------
-    ToktError
-        If a number is out of its bounds, distances are to come from both or from nowhere.
+    Raises ToktError if a number is out of its bounds, distances are to come from both or from
+    nowhere.
     """
 
     rate: float | None = None  # frames a second; by default that of the log, if it has times
@@ -87,10 +85,7 @@ NOTHING_STATED = AtSea()
 def logged_distances(path: Path) -> dict[int, LoggedDistance]:
     """Distances and times of the frames of a log's last run.
 
-    Raises
-    ------
-    ToktError
-        If it cannot be read, or has no distance.
+    Raises ToktError if it cannot be read, or has no distance.
     """
     found = {}
     for one in open_run(path).frames():
@@ -155,10 +150,8 @@ def known_distances(
 ) -> KnownDistances:
     """Distances and times of a mission's approaches, from its pairs or from a run's log.
 
-    Raises
-    ------
-    ToktError
-        If the mission has no pairs, is not of the calibration's size, or is not what the log is of.
+    Raises ToktError if the mission has no pairs, is not of the calibration's size, or is not what
+    the log is of.
     """
     numbers, step = mission.frames(LEFT), frame_step(mission.frames(LEFT))
     if stated.log:

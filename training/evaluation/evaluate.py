@@ -69,10 +69,7 @@ def score_mission(
     The frame rule sees the frames in their order; where frames are missing between them, or were
     not asked for, what it did not see is unknown to it.
 
-    Raises
-    ------
-    ToktError
-        If a frame cannot be read, or its patches cannot be described.
+    Raises ToktError if a frame cannot be read, or its patches cannot be described.
     """
     numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
     missed = missed_before(numbers, frame_step(mission.frames(LEFT)))
@@ -93,10 +90,7 @@ def score_mission(
 def unjudged_values(bundle: Bundle, image: U8, number: int) -> F64:
     """What the model says of the patches of a frame that the runtime calls unknown.
 
-    Raises
-    ------
-    ToktError
-        If they cannot be described.
+    Raises ToktError if they cannot be described.
     """
     try:
         return bundle.values_alone(bundle.features(image))
@@ -406,11 +400,8 @@ def evaluate_patches(
     Found are, as of `evaluate_missions`, model, patch, unsure_ignored, seen_in_training; and the
     folder, `patches`.
 
-    Raises
-    ------
-    ToktError
-        If the model judges the patches of frames, an image cannot be read or described, or none
-        is labelled for sure.
+    Raises ToktError if the model judges the patches of frames, an image cannot be read or
+    described, or none is labelled for sure.
     """
     if bundle.grid != PATCH_GRID:
         raise ToktError(

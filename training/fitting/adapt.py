@@ -55,10 +55,7 @@ class KnownModel:
 def known_model(registry: Registry, reference: str, datasets: Path) -> KnownModel:
     """Read a registered model and what it was trained with.
 
-    Raises
-    ------
-    ToktError
-        If it is not there, or learnt from two images or a folder of patches: no dives.
+    Raises ToktError if it is not there, or learnt from two images or a folder of patches: no dives.
     """
     version = registry.find(reference)
     recipe, parameters = registry.recipe(version), registry.parameters(version)

@@ -32,10 +32,7 @@ _MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read,
 class FalseStatusTarget:
     """The rate of false statuses to keep, how surely, and by which frame rules.
 
-    Raises
-    ------
-    ToktError
-        If a number is out of its bounds.
+    Raises ToktError if a number is out of its bounds.
     """
 
     rate: float = 1e-4  # false statuses allowed per ocean frame

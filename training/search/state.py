@@ -102,10 +102,8 @@ def opened_state(
     `root` is the workspace's ``searches`` folder; the dataset's name begins the search's own. The
     question is all that can change a trial's score or the winner.
 
-    Raises
-    ------
-    ToktError
-        If another process is at the same search, or the state is damaged or of a newer format.
+    Raises ToktError if another process is at the same search, or the state is damaged or of a newer
+    format.
     """
     key = f"{dataset}-{json_sha256(question)[:_KEY_CHARS]}"
     folder = root / key

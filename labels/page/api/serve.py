@@ -44,10 +44,7 @@ class Address:
 def listen(host: str, port: int, token: str | None) -> Address:
     """Listen on a port, for those who have the token; on loopback it may be None.
 
-    Raises
-    ------
-    ToktError
-        If the address is not ours or the port is taken or not allowed.
+    Raises ToktError if the address is not ours or the port is taken or not allowed.
     """
     loopback = _is_loopback(host)
     if token is None and not loopback:

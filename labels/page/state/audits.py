@@ -43,12 +43,7 @@ class Audits:
     def audit(self, name: str) -> Audit:
         """The audit of that name.
 
-        Raises
-        ------
-        ToktError
-            If its file is damaged or of a newer format.
-        KeyError
-            If there is none.
+        Raises ToktError if its file is damaged or of a newer format; KeyError if there is none.
         """
         path = {path.stem: path for path in audit_files(self._workspace)}[name]
         found = path.stat()

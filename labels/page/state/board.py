@@ -204,13 +204,7 @@ class Board:
         self._disagree = np.zeros(len(every), bool)
 
     def refresh(self) -> LabelChanges:
-        """Read the new events of the store.
-
-        Raises
-        ------
-        ToktError
-            If the store cannot be read.
-        """
+        """Read the new events of the store. Raises ToktError if the store cannot be read."""
         with self._lock:
             # Read first: events of other missions up to there need not be looked at again.
             last = self._store.last_event()

@@ -59,10 +59,7 @@ class Jobs:
     def start(self, what: str, commands: Sequence[Sequence[str]], then: Callable[[], None]) -> None:
         """Run commands of `tokt`, then call `then`, in a thread.
 
-        Raises
-        ------
-        ToktError
-            If a job is running already.
+        Raises ToktError if a job is running already.
         """
         with self._lock:
             if self.last is not None and self.last.state == RUNNING:

@@ -35,10 +35,8 @@ def frame_picture(
     otherwise a PNG of them; up to 100 (see `enhanced`), or made `width` pixels wide (a narrower
     frame stays as it is), a JPEG.
 
-    Raises
-    ------
-    FrameError
-        If the frame is not there, damaged or truncated; nothing is shown in its place.
+    Raises FrameError if the frame is not there, damaged or truncated; nothing is shown in its
+    place.
     """
     if width is None and enhance == 0:
         return _own_file(mission, camera, frame)
@@ -73,10 +71,7 @@ class PatchPictures:
         Tiles are `size` pixels wide and high; patches keep their shape, in the middle, with
         `margin` of a patch (0 to 1) around each one.
 
-        Raises
-        ------
-        ToktError
-            If a cell is outside the grid.
+        Raises ToktError if a cell is outside the grid.
         """
         last = self._grid.n_patches - 1
         for _, _, cell in cells:

@@ -71,10 +71,7 @@ def rank(
 ) -> Ranked:
     """Rank the patches of a label among all labelled ones by how they look.
 
-    Raises
-    ------
-    ToktError
-        If scikit-learn is not installed.
+    Raises ToktError if scikit-learn is not installed.
     """
     located = {name: features.locate(cells) for name, cells in cells_by_class.items()}
     known = features.snapshot()

@@ -96,10 +96,7 @@ class Session:
     def refresh(self) -> None:
         """Bring the board up to date and tell all pages what changed.
 
-        Raises
-        ------
-        ToktError
-            If the store cannot be read.
+        Raises ToktError if the store cannot be read.
         """
         # Within one lock, so that pages hear of events in their order.
         with self._refreshing:
@@ -145,10 +142,7 @@ class Session:
     def use_model(self, bundle: Bundle) -> None:
         """Suggest what another model says, and tell all pages.
 
-        Raises
-        ------
-        ToktError
-            If the model looks at frames through another grid.
+        Raises ToktError if the model looks at frames through another grid.
         """
         workspace = self.store.path.parent
         fresh = Suggester(bundle, self.mission, self.grid, workspace / CACHE)
@@ -180,13 +174,7 @@ class Session:
         }
 
     def mark_seen(self, who: str, camera: str, frame: int) -> None:
-        """Keep that `who` opened a frame.
-
-        Raises
-        ------
-        ToktError
-            If the store cannot be written.
-        """
+        """Keep that `who` opened a frame. Raises ToktError if the store cannot be written."""
         if not self.board.is_seen(who, camera, frame):
             self.store.mark_seen(self.mission.name, camera, frame, who, utc_now())
             self.board.mark_seen(who, camera, frame)

@@ -30,10 +30,7 @@ _FIXED = Pose(0.0, np.zeros(3), np.eye(3))
 def logged_places(log: Path, mission: Mission) -> tuple[Places, RunStart]:
     """Where the vehicle was at the frames of a log's last run, and how that began.
 
-    Raises
-    ------
-    ToktError
-        If there is no such log, or it is of other pictures.
+    Raises ToktError if there is no such log, or it is of other pictures.
     """
     run = open_run(log)
     lines = {
@@ -66,10 +63,8 @@ class Export:
     def write(self, program: str, folder: Path, progress: Any) -> dict[str, Any]:
         """Write a new folder for one of `PROGRAMS`, with pictures untouched; what it holds.
 
-        Raises
-        ------
-        ToktError
-            If a picture cannot be read, or the program has no camera with such a distortion.
+        Raises ToktError if a picture cannot be read, or the program has no camera with such a
+        distortion.
         """
         c, most, posed = self.calibration, PROGRAMS[program], set(self.frames) & set(self.odometry)
         self._lenses = [(K, np.append(D, np.zeros(most))) for K, D in ((c.K1, c.D1), (c.K2, c.D2))]
