@@ -79,20 +79,10 @@ def agreement(
 def agreement_of_counts(
     pairs: Counter[tuple[str, str]], n_a: int, n_b: int, taxonomy: Taxonomy
 ) -> Agreement:
-    """`agreement` from counts alone.
+    """`agreement` from counts alone, with the same errors.
 
-    Parameters
-    ----------
-    pairs : Counter of (str, str)
-        How often A and B gave a patch these two labels, over the patches that both labelled.
-    n_a, n_b : int
-        Patches labelled by A and by B.
-    taxonomy : Taxonomy
-
-    Raises
-    ------
-    ToktError
-        As in `agreement`.
+    `pairs` has how often A and B gave a patch two labels, over the patches that both labelled; they
+    labelled `n_a` and `n_b` patches in all.
     """
     if not pairs:
         raise ToktError("no patch is labelled by both (same mission, camera, frame, grid, cell)")

@@ -20,17 +20,12 @@ class MergeResult:
 def merge_annotators(records: Iterable[LabelRecord]) -> MergeResult:
     """Merge the labels in force of any number of annotators.
 
-    A patch that one annotator labelled keeps that record. Where all who are sure agree, their
-    class holds, also against an ``unsure`` of somebody else. Where they disagree, or nobody is
-    sure, the patch is ``unsure``: it is neither trained nor scored on. What somebody settled holds
-    whatever the annotators say. A merged record names its annotators, and who settled it, joined
-    by ``+`` and carries the latest of their times.
-
-    Parameters
-    ----------
-    records : iterable of LabelRecord
-        As `LabelStore.current_and_settled` returns them: human or settled, with a label, one a
-        patch, annotator and source.
+    `records` are as `LabelStore.current_and_settled` returns them. A patch that one annotator
+    labelled keeps that record. Where all who are sure agree, their class holds, also against an
+    ``unsure`` of somebody else. Where they disagree, or nobody is sure, the patch is ``unsure``: it
+    is neither trained nor scored on. What somebody settled holds whatever the annotators say. A
+    merged record names its annotators, and who settled it, joined by ``+`` and carries the latest
+    of their times.
     """
     by_cell: dict[Cell, list[LabelRecord]] = {}
     for record in records:

@@ -193,10 +193,7 @@ def ks_distances(counts: I64, others: I64) -> F64:
 def drift_words(summary: Mapping[str, Any] | None) -> str:
     """What is known of a model's training distribution, and how its limits were made, for people.
 
-    Parameters
-    ----------
-    summary : mapping or None
-        `Distribution.summary`; None where a model has none.
+    `summary` is that of `Distribution.summary`; None where a model has none.
     """
     if summary is None:
         return (

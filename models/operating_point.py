@@ -153,14 +153,9 @@ def frame_step(numbers: Iterable[int]) -> int:
 
 
 def missed_before(numbers: Sequence[int], step: int) -> list[int]:
-    """How many frames are missing before each of some frames.
+    """How many frames are missing before each of some frames, by their rising numbers.
 
-    Parameters
-    ----------
-    numbers : sequence of int
-        Rising frame numbers.
-    step : int
-        `frame_step` of their mission.
+    `step` is the `frame_step` of their mission.
     """
     gaps = [(after - before) // step - 1 for before, after in pairwise(numbers)]
     return [0, *gaps] if numbers else []

@@ -160,10 +160,7 @@ def _log_odds(scores: F64, means: F64, sds: F64, share: float) -> F64:
 class WaterState:
     """The decision values of one run's last frames, and the boundary they give.
 
-    Parameters
-    ----------
-    prior : WaterPrior or None
-        Without one the boundary stays at 0.
+    Without a prior the boundary stays at 0.
     """
 
     def __init__(self, prior: WaterPrior | None) -> None:

@@ -56,15 +56,9 @@ def rename(old: Path, new: Path) -> None:
 def write_bytes(target: Path, data: bytes, spare: Path | None = None, mode: int = 0o666) -> None:
     """Write `data` to `target` through a temporary name, synced, then renamed into place.
 
-    Parameters
-    ----------
-    target : Path
-    data : bytes
-    spare : Path, optional
-        A file of `keep_spare` beside it. Where the disk is full, `data` takes the place that the
-        spare has there, and the spare becomes the target.
-    mode : int
-        Who may read and write it, less what the umask takes; on Windows nothing.
+    Where the disk is full, `data` takes the place of `spare` (a file of `keep_spare` beside it),
+    which becomes the target. `mode` says who may read and write it, less what the umask takes; on
+    Windows nothing.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -105,15 +99,10 @@ def new_file(target: Path, mode: int = 0o666) -> Iterator[BinaryIO]:
 
 
 def keep_spare(spare: Path, least: int, size: int) -> None:
-    """Keep bytes on the disk in a file, for `write_bytes` when the disk is full.
+    """Keep `size` bytes on the disk in a file, for `write_bytes` when the disk is full.
 
-    A file system that copies what is written over (Btrfs, ZFS) keeps no place by that.
-
-    Parameters
-    ----------
-    spare : Path
-    least, size : int
-        A file of fewer than `least` bytes is made anew with `size`.
+    A file of fewer than `least` bytes is made anew. A file system that copies what is written over
+    (Btrfs, ZFS) keeps no place by that.
     """
     if not spare.is_file() or spare.stat().st_size < least:
         write_bytes(spare, bytes(size))
@@ -166,11 +155,7 @@ def _modified_s(path: Path) -> float:
 def remove_partials(folder: Path, older_than_s: float = 0.0) -> int:
     """Delete what a killed process left half-written in `folder`; return how many were found.
 
-    Parameters
-    ----------
-    folder : Path
-    older_than_s : float
-        Leave what was begun less than this many seconds ago: somebody may be writing it.
+    What was begun less than `older_than_s` seconds ago is left: somebody may be writing it.
     """
     latest = time.time() - older_than_s
     found = list(folder.glob(f"{_PARTIAL}*")) if folder.is_dir() else []
@@ -208,18 +193,8 @@ def _give_back(handle: int) -> None:
 def locked(file: Path, wait_s: float) -> Iterator[None]:
     """Hold the lock on `file`, which is made where it is missing.
 
-    The operating system keeps the lock, so a killed process leaves none behind.
-
-    Parameters
-    ----------
-    file : Path
-    wait_s : float
-        How long to wait for another process that has it, in seconds.
-
-    Raises
-    ------
-    ToktError
-        If another process keeps it longer.
+    The operating system keeps the lock, so a killed process leaves none behind. Raises ToktError if
+    another process keeps it longer than `wait_s` seconds.
     """
     deadline = time.monotonic() + wait_s
     with file.open("ab") as opened:

@@ -171,13 +171,7 @@ _FIXED_WORDS = {
 
 
 def extractor_summary(spec: Mapping[str, Any]) -> str:
-    """Say what an extractor computes, of which picture.
-
-    Parameters
-    ----------
-    spec : mapping
-        As `Extractor.spec` gives it; of a name that is not known here, the JSON itself.
-    """
+    """Say what an extractor computes, of which picture; of an unknown one, its JSON."""
     parts = spec["parts"] if spec.get("name") == "join" else [spec]
     by_picture: dict[str, list[str]] = {}
     for part in parts:

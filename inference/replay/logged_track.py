@@ -77,19 +77,11 @@ def open_track(
 ) -> LoggedTrack:
     """Read a run of a log, by default its last one.
 
-    Damaged lines, and patches that the model's grid does not have, are left out and counted.
+    Pictures and models are read from where the run had them, unless `source` and `store` say
+    otherwise; poses by frame are those that the run was given, but for `odometry`. Damaged lines,
+    and patches that the model's grid does not have, are left out and counted.
 
-    Parameters
-    ----------
-    source, store : Path, optional
-        Where the pictures and the run's models are, if not where the run had them.
-    odometry : Odometry, optional
-        Poses by frame; by default those that the run was given.
-
-    Raises
-    ------
-    ToktError
-        If the log cannot be read, its models are not there, or they tell no classes.
+    Raises ToktError if the log cannot be read, its models are not there, or they tell no classes.
     """
     logged = open_run(log, run)
     models = list(models_of_run(logged, store).values())

@@ -24,11 +24,7 @@ class FrameKey(NamedTuple):
 class MissionImages:
     """File names and pixel sizes of a mission's frames.
 
-    Parameters
-    ----------
-    mission : Mission
-    name : str, optional
-        The mission's name in label records; the folder's by default.
+    `name` is the mission's in label records; by default the folder's.
     """
 
     def __init__(self, mission: Mission, name: str | None = None) -> None:

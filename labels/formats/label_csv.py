@@ -34,26 +34,14 @@ def read_label_csv(
 ) -> list[LabelRecord]:
     """Read a whole label file, or refuse it with its first mistake and that line's number.
 
-    Parameters
-    ----------
-    path : Path
-        UTF-8 text (with or without byte order mark, any line ends) whose first line names the
-        `COLUMNS` in any order, and any of `MORE_COLUMNS` and `AUDIT_COLUMNS`.
-    taxonomy, annotator, grid, classes
-        As those of `ReadOptions`; what the file says of annotator and grid goes before.
-    remarks : Counter, optional
-        Gets what of the file is passed over: notes stay where they were written.
+    It is UTF-8 text (with or without byte order mark, any line ends) whose first line names the
+    `COLUMNS` in any order, and any of `MORE_COLUMNS` and `AUDIT_COLUMNS`. What it says of annotator
+    and grid goes before the arguments, which are those of `ReadOptions`. Records come in the file's
+    order; without a time column they carry the present moment. `remarks` gets what is passed over:
+    notes stay where they were written.
 
-    Returns
-    -------
-    list of LabelRecord
-        In the file's order. Without a time column they carry the present moment.
-
-    Raises
-    ------
-    ToktError
-        For wrong columns, an unknown class, a patch outside the grid, a number that is none, a
-        patch that the same annotator labels twice, or one that is settled twice.
+    Raises ToktError for wrong columns, an unknown class, a patch outside the grid, a number that is
+    none, a patch that the same annotator labels twice, or one that is settled twice.
     """
     lines = read_rows(path)
     rows = _RowReader(taxonomy, annotator or path.stem, grid, classes or {})
@@ -83,23 +71,12 @@ def write_label_csv(
 ) -> int:
     """Write `records` sorted by patch, whole or not at all; return how many.
 
-    Parameters
-    ----------
-    path : Path
-        The file; its folder is made when it is not there.
-    records : iterable of LabelRecord
-        Labels in force, as `LabelStore.current` returns them; with `full` also settlements, as
-        `LabelStore.current_and_settled` does.
-    full : bool
-        Add `MORE_COLUMNS`; with them nothing of a record is lost.
-    notes : mapping of (patch, annotator) to str, optional
-        With `full`, an annotator's note stands beside that annotator's label.
+    They are labels in force, as of `LabelStore.current`. With `full` nothing of a record is lost:
+    the file has `MORE_COLUMNS`, and may have settlements (`LabelStore.current_and_settled`) and, by
+    (patch, annotator), `notes`. Its folder is made when it is not there.
 
-    Raises
-    ------
-    ToktError
-        If the file cannot be written, or if without `full` there is more than one annotator,
-        another grid than the default one, or a settlement: the six columns cannot say so.
+    Raises ToktError if the file cannot be written, or if without `full` there is more than one
+    annotator, another grid than the default one, or a settlement: the six columns cannot say so.
     """
     columns = COLUMNS + MORE_COLUMNS if full else COLUMNS
     chosen = in_order(records)

@@ -166,10 +166,7 @@ _Step = tuple[LabelRecord, str | None]
 class ActionLog:
     """Reads and writes the actions of a store.
 
-    Parameters
-    ----------
-    connection : sqlite3.Connection
-        The store's. Whoever calls `apply` or `reverse` holds a writing transaction.
+    Whoever calls `apply` or `reverse` holds a writing transaction of its connection.
     """
 
     def __init__(self, connection: sqlite3.Connection) -> None:

@@ -14,21 +14,8 @@ from .write_ahead_log import BUSY_S
 def back_up(store: LabelStore, target: Path) -> int:
     """Copy a store as it is at one instant, check the copy, and then give it its name.
 
-    Parameters
-    ----------
-    store : LabelStore
-    target : Path
-        Must not be there yet.
-
-    Returns
-    -------
-    int
-        Number of events in the copy.
-
-    Raises
-    ------
-    ToktError
-        If `target` is there already or cannot be written, or the copy is not what it should be.
+    Returns the number of events in the copy. Raises ToktError if `target` is there already or
+    cannot be written, or the copy is not what it should be.
     """
     if target.exists():
         raise ToktError(f"{target} is there already; a backup replaces no file")

@@ -42,19 +42,11 @@ def note_mission(workspace: Path, mission: Mission) -> None:
     """Note that the workspace's labels of this name belong to these frames.
 
     At the path noted before, any frames are taken: more are recorded, one is repaired. At another
-    path they must be a copy: what is there of the frames noted before is the same, and that is
-    one frame at least.
+    path they must be a copy: what is there of the frames noted before is the same, and that is one
+    frame at least.
 
-    Parameters
-    ----------
-    workspace : Path
-    mission : Mission
-
-    Raises
-    ------
-    ToktError
-        If the labels of this name belong to another dive, or the file is damaged, of a newer
-        format or cannot be written.
+    Raises ToktError if the labels of this name belong to another dive, or the file is damaged, of a
+    newer format or cannot be written.
     """
     entries = _read(workspace / FILE_NAME)
     _check(workspace, mission, entries.get(mission.name))

@@ -343,28 +343,11 @@ class LabelStore:
         reported. The inverse changes are new events; they are on disk when this returns. A new
         action makes what was undone before it impossible to redo.
 
-        Parameters
-        ----------
-        way : str
-            `UNDO`; or `REDO`, which does again what was undone last.
-        annotator, mission : str
-        grid : Grid
-        key : str
-            Of this undo; the same key twice counts once.
-        time : str
-            As `record.utc_text` writes it.
-        target : str, optional
-            Key of the action that the caller means.
+        `way` is `UNDO`; or `REDO`, which does again what was undone last. `key` is of this undo:
+        the same key twice counts once. `time` is as `record.utc_text` writes it, and `target` the
+        key of the action that the caller means. None when there is nothing to undo.
 
-        Returns
-        -------
-        ActionResult or None
-            ``None`` when there is nothing to undo.
-
-        Raises
-        ------
-        ToktError
-            If the next action to undo is not `target`, or as for `apply`.
+        Raises ToktError if the next action to undo is not `target`, or as for `apply`.
         """
         with self._transaction():
             history = UndoHistory(annotator, mission, grid)

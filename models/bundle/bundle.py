@@ -623,21 +623,12 @@ def _check_golden(bundle: Bundle, where: str) -> None:
 def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle:
     """Parse, check and construct a bundle, then recompute its golden values.
 
-    Parameters
-    ----------
-    data : bytes
-        The bundle file.
-    where : str
-        What to call it in an error, usually its path.
-    golden : bool
-        False leaves the last step out, and nothing else. Only for bytes whose SHA-256 another
-        process of this tokt on this machine has just checked whole: the runtime has a new model
-        checked beside itself (`tokt.models.store.check_active`), so that no frame waits for it.
+    `where` is what to call it in an error, usually its path. Without `golden` the last step is left
+    out, and nothing else. That is only for bytes whose SHA-256 another process of this tokt on this
+    machine has just checked whole: the runtime has a new model checked beside itself
+    (`tokt.models.store.check_active`), so that no frame waits for it.
 
-    Raises
-    ------
-    ToktError
-        If any step fails; nothing of a refused bundle is kept.
+    Raises ToktError if any step fails; nothing of a refused bundle is kept.
     """
     manifest, signature, members = _parse(data, where)
     _check_integrity(manifest, members, where)

@@ -159,16 +159,10 @@ def _shortened(text: str) -> str:
 def model_card(label: str, recipe: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
     """Markdown that follows from the recipe alone, so that it is the same at each export.
 
-    Parameters
-    ----------
-    label : str
-        ``name/version``.
-    recipe : mapping
-        extractor, extractor_name (may be missing), dim, grid, classes, thresholds, metrics,
-        operating_point (missing before recipe version 2) and distribution (missing before 3), as
-        `Registry.recipe` gives them.
-    provenance : mapping
-        With the MLflow run id.
+    The recipe is as `Registry.recipe` gives it: extractor, extractor_name (may be missing), dim,
+    grid, classes, thresholds, metrics, operating_point (missing before recipe version 2) and
+    distribution (missing before 3). `label` is ``name/version``; the provenance has the MLflow run
+    id.
     """
     metrics = recipe["metrics"]
     point = OperatingPoint()

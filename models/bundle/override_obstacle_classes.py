@@ -26,19 +26,11 @@ def override_obstacle_classes(
 ) -> Bundle:
     """The same model with other obstacle flags; the same bundle where none differs.
 
-    Parameters
-    ----------
-    bundle : Bundle
-    flags : mapping
-        For each class whether it is an obstacle; may hold others than the model's.
-    taxonomy, sha256 : str
-        Name and hash of the file that says so, for the provenance.
+    `flags` may have other classes than the model's. `taxonomy` and `sha256` are the name and hash
+    of the file that says so, for the provenance.
 
-    Raises
-    ------
-    ToktError
-        If the model has one output only, a class of it has no flag, or the flags leave it
-        nothing to tell apart.
+    Raises ToktError if the model has one output only, a class of it has no flag, or the flags leave
+    it nothing to tell apart.
     """
     model = bundle.model
     if len(model.bias) == 1:

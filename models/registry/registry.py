@@ -188,21 +188,12 @@ def fitting(version: RegisteredVersion, what: str = "recipe.json") -> Iterator[N
 class Registry:
     """Runs and registered models of one workspace.
 
-    Parameters
-    ----------
-    workspace : Path
-        Holds ``mlflow.db`` and ``mlartifacts/`` unless ``MLFLOW_TRACKING_URI`` names a server.
-    create : bool
-        Whether to make ``mlflow.db`` where there is none; reading never does.
-    own : bool
-        Use the workspace's own file whatever the environment says.
-    files_of : Path, optional
-        The workspace whose artifacts are meant, where `workspace` holds a copy of its database.
+    The workspace holds ``mlflow.db`` and ``mlartifacts/`` unless ``MLFLOW_TRACKING_URI`` names a
+    server; with `own` whatever the environment says. With `create` a missing ``mlflow.db`` is made;
+    reading never does. Where `workspace` holds a copy of a database, `files_of` is the one whose
+    artifacts are meant.
 
-    Raises
-    ------
-    ToktError
-        If there is no registry and none is to be made, or it cannot be reached.
+    Raises ToktError if there is no registry and none is to be made, or it cannot be reached.
     """
 
     def __init__(
@@ -395,16 +386,10 @@ class Registry:
     def held_out(self, reference: str) -> pandas.DataFrame:
         """What cross-validation said of each patch, by a model that did not learn from it.
 
-        Returns
-        -------
-        pandas.DataFrame
-            The dataset's patches with fold (-1: never tested), obstacle_score and, since recipe
-            version 2, target (index of the class) and value_0 .. value_{k-1}.
+        The dataset's patches with fold (-1: never tested), obstacle_score and, since recipe version
+        2, target (index of the class) and value_0 .. value_{k-1}.
 
-        Raises
-        ------
-        ToktError
-            If there is no such version, or its run holds no such table.
+        Raises ToktError if there is no such version, or its run holds no such table.
         """
         from pyarrow import ArrowException, parquet
 
@@ -435,21 +420,11 @@ class Registry:
     ) -> Bundle:
         """A registered version as a checked bundle; the same version gives the same bytes.
 
-        Parameters
-        ----------
-        reference : str
-        signer : PublicKey, optional
-            Whose signature of the registration is checked.
-        signed : bool
-            Whether it must be there.
-        notice : callable
-            Is told what could not be checked.
+        The registration's signature is checked against `signer`; with `signed` it must be there.
+        `notice` is told what could not be checked.
 
-        Raises
-        ------
-        ToktError
-            If it is not there, was not trained by tokt, is not what was registered, or fails its
-            own golden check.
+        Raises ToktError if it is not there, was not trained by tokt, is not what was registered, or
+        fails its own golden check.
         """
         version = self.find(reference)
         if signer is not None and not version.check_signature(signer):

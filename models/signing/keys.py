@@ -115,18 +115,11 @@ class KeyPair:
 def write_key_pair(name: Path, passphrase: str = "") -> KeyPair:
     """Make a pair of keys, ``NAME.key`` and ``NAME.pub``; a file that is there is never replaced.
 
-    Parameters
-    ----------
-    name : Path
-        With or without the ending ``.key``.
-    passphrase : str
-        Encrypts the private key; empty for none.
+    `name` is given with or without the ending ``.key``. The passphrase encrypts the private key; an
+    empty one does not.
 
-    Raises
-    ------
-    ToktError
-        If one of the files is there already or cannot be written, the passphrase cannot be used,
-        or the package cryptography is missing.
+    Raises ToktError if one of the files is there already or cannot be written, the passphrase
+    cannot be used, or the package cryptography is missing.
     """
     with _cryptography():
         from cryptography.hazmat.primitives import serialization as form
@@ -197,19 +190,10 @@ class SigningKey:
 
 
 def read_signing_key(path: Path, passphrase: Callable[[], str]) -> SigningKey:
-    """Read the private key that ``tokt keygen`` wrote (PEM, PKCS 8).
+    """Read the private key of ``tokt keygen`` (PEM, PKCS 8), with its passphrase if it has one.
 
-    Parameters
-    ----------
-    path : Path
-    passphrase : callable
-        Asked for the passphrase if the key has one.
-
-    Raises
-    ------
-    ToktError
-        If it is not there or is something else, the passphrase is wrong, or the package
-        cryptography is missing.
+    Raises ToktError if it is not there or is something else, the passphrase is wrong, or the
+    package cryptography is missing.
     """
     with _cryptography():
         from cryptography.exceptions import UnsupportedAlgorithm

@@ -78,23 +78,11 @@ class TrustedKeys:
     def check(self, data: bytes, where: str) -> str:
         """Check that a trusted key signed a bundle file, before anything else in it is read.
 
-        Parameters
-        ----------
-        data : bytes
-            The bundle file.
-        where : str
-            What to call it in an error.
+        Returns the id of the key, or an empty string where no signature is asked for. `where` is
+        what to call the bundle in an error.
 
-        Returns
-        -------
-        str
-            The id of the key, or an empty string where no signature is asked for.
-
-        Raises
-        ------
-        ToktError
-            If one is asked for and there is none that is right, or the package cryptography is
-            missing.
+        Raises ToktError if one is asked for and there is none that is right, or the package
+        cryptography is missing.
         """
         if not self.required:
             return ""

@@ -30,18 +30,9 @@ Candidate = tuple[str, Callable[[], Bundle]]
 def remember_good(store: Store, bundle: Bundle) -> str:
     """Keep a copy of the bundle in use, for the next start.
 
-    It waits for the disk: not to be called between two frames.
-
-    Parameters
-    ----------
-    store : Store
-    bundle : Bundle
-        One from this store that has passed every check.
-
-    Returns
-    -------
-    str
-        Why it could not be kept, such as a store that this account may only read; or empty.
+    The bundle is from this store and has passed every check. It waits for the disk: not to be
+    called between two frames. Returns why it could not be kept, such as a store that this account
+    may only read; or an empty string.
     """
     file = store.last_good_file
     try:
@@ -54,21 +45,13 @@ def remember_good(store: Store, bundle: Bundle) -> str:
 
 
 def load_running(store: Store) -> tuple[Bundle, list[str]]:
-    """The bundle to start with.
+    """The bundle to start with, checked whole, and notes why it is not the active one.
 
-    Returns
-    -------
-    bundle : Bundle
-        Checked whole.
-    notes : list of str
-        Why it is not the active one, a line for each that was refused and one for what runs
-        instead; empty if it is.
+    A note is a line for each that was refused and one for what runs instead; the active one has
+    none.
 
-    Raises
-    ------
-    ToktError
-        If the store is not there, no model was ever activated, or none can be used: then with all
-        that was refused.
+    Raises ToktError if the store is not there, no model was ever activated, or none can be used:
+    then with all that was refused.
     """
     store.check_folder()
     notes: list[str] = []

@@ -104,25 +104,13 @@ def compare_models(
 ) -> dict[str, Any]:
     """Compare models on what `compared` holds.
 
-    Parameters
-    ----------
-    workspace : Path
-        Holds the features that the learning curve needs.
-    curve_of : str, optional
-        Name of the model to draw the learning curve of; by default the best.
-    with_ceilings : bool
-        Whether to try learners that are never deployed, of what was held out.
+    The workspace holds the features that the learning curve needs. That is of the model named
+    `curve_of`, by default of the best. `with_ceilings` tries learners that are never deployed on
+    what was held out.
 
-    Returns
-    -------
-    dict
-        JSON: models, pairs, words, stretches, errors, learning_curve, ceilings, explorer, and how
-        each figure came about.
-
-    Raises
-    ------
-    ToktError
-        If `curve_of` is not one of the models, or has no learning curve.
+    Returns JSON: models, pairs, words, stretches, errors, learning_curve, ceilings, explorer, and
+    how each figure came about. Raises ToktError if `curve_of` is not one of the models, or has no
+    learning curve.
     """
     asked_for = [] if curve_of is None else [_asked_for(compared, curve_of)]
     pairs = compare_pairs(compared)
@@ -256,14 +244,11 @@ def _of_model(compared: ComparedModels, predictions: ModelPredictions) -> dict[s
 def explorer_data(compared: ComparedModels) -> dict[str, Any]:
     """Counts and ranks from which the page finds every figure for any of its thresholds.
 
-    Returns
-    -------
-    dict
-        obstacle, clear (patches), frames {number, ocean, obstacle, gap}, sequences {name, start,
-        stop}, and models {label: {thresholds, true_positive, false_positive, rule, white, patches,
-        ranks, judged}}: patches above each threshold, and for every patch of every frame (bytes
-        in base64, `patches` a frame, row by row of the grid) how many thresholds its score
-        exceeds, 0 where it has none. `white` is the fewest patches that a status takes.
+    They are obstacle, clear (patches), frames {number, ocean, obstacle, gap}, sequences {name,
+    start, stop}, and models {label: {thresholds, true_positive, false_positive, rule, white,
+    patches, ranks, judged}}: patches above each threshold, and for every patch of every frame
+    (bytes in base64, `patches` a frame, row by row of the grid) how many thresholds its score
+    exceeds, 0 where it has none. `white` is the fewest patches that a status takes.
     """
     table = compared.series.table
     named = [

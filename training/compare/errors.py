@@ -31,11 +31,8 @@ def _wrong(compared: ComparedModels, predictions: ModelPredictions, kind: str) -
 def errors_by_stretch(compared: ComparedModels) -> list[dict[str, Any]]:
     """Errors of each model in each block, in order; neighbours joined if there are many.
 
-    Returns
-    -------
-    list of dict
-        mission, frames, patches, obstacle, and models {label: {kind: patches}}; empty where
-        patches do not come from frames.
+    A row is mission, frames, patches, obstacle, and models {label: {kind: patches}}. There is none
+    where patches do not come from frames.
     """
     if not compared.has_frames:
         return []
@@ -103,12 +100,9 @@ def _worst(
 def worst_errors(compared: ComparedModels) -> list[dict[str, Any]]:
     """The worst errors of each kind and model, far enough apart to differ.
 
-    Returns
-    -------
-    list of dict
-        kind, of (the models it was chosen for), mission, camera, frame, row, col, label, and by
-        model: scores (decision value on the obstacle side, None where there are no sides) and
-        said (class).
+    One is kind, of (the models it was chosen for), mission, camera, frame, row, col, label, and by
+    model scores (decision value on the obstacle side, None where there are no sides) and said
+    (class).
     """
     count = max(2, _PICTURES // (2 * len(compared.models)))
     chosen: dict[tuple[str, int], list[str]] = {}

@@ -143,23 +143,13 @@ def predict_missions(
     frames: Sequence[int] | None = None,
     stated: AtSea = NOTHING_STATED,
 ) -> ComparedModels:
-    """Bring models together on the left frames of missions.
+    """Bring models together on the left frames of missions, or on some `frames` of them.
 
-    Parameters
-    ----------
-    missions : sequence of LabelledMission
-        With labels in the models' grid; several annotators are merged.
-    taxonomy : Taxonomy
-        Says which labels are obstacles.
-    frames : sequence of int, optional
-        Compare on these frames only.
-    stated : AtSea
-        As for `tokt.training.evaluation.evaluate.evaluate_missions`.
+    Labels are in the models' grid; several annotators are merged. `stated` is as for
+    `tokt.training.evaluation.evaluate.evaluate_missions`.
 
-    Raises
-    ------
-    ToktError
-        If a model learnt from one of the frames, the grids differ, or nothing is labelled.
+    Raises ToktError if a model learnt from one of the frames, the grids differ, or nothing is
+    labelled.
     """
     _check_grids(bundles)
     sure: list[LabelRecord] = []

@@ -141,12 +141,9 @@ def compare_pairs(compared: ComparedModels) -> dict[str, Any]:
     The verdict is *better* or *worse* only where the block permutation test, adjusted for the
     number of pairs, gives p <= 0.05 and the bootstrap interval of the difference leaves 0 out.
 
-    Returns
-    -------
-    dict
-        measure, blocks, intervals {label: {measure: {low, high}}}, pairs (none where there is no
-        F1 to compare by; models, values, difference, interval, p, p_adjusted, detectable,
-        average_precision, verdict, words), and method in words.
+    Returns measure, blocks, intervals {label: {measure: {low, high}}}, pairs (none where there is
+    no F1 to compare by; models, values, difference, interval, p, p_adjusted, detectable,
+    average_precision, verdict, words), and method in words.
     """
     names, _ = compared.units
     draws = drawn_blocks(len(names))

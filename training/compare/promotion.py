@@ -33,11 +33,8 @@ def judge_candidate(compared: ComparedModels, max_ms: float | None = None) -> di
     interval can be told at all; and where its median time a frame is above `max_ms`, by default
     `MAX_SLOWER` times the champion's.
 
-    Returns
-    -------
-    dict
-        JSON: what, mode, table (a row a figure of a dive, or of all where `dive` is empty), time,
-        faults (a line each) and notes.
+    Returns JSON: what, mode, table (a row a figure of a dive, or of all where `dive` is empty),
+    time, faults (a line each) and notes.
     """
     dives = list(dict.fromkeys(compared.series.table.mission))
     rows = [row for dive in dives for row in _of_dive(compared.of_dive(dive), dive)]

@@ -39,13 +39,7 @@ FOLDER = "compare"
 
 
 def report_html(compared: ComparedModels, result: dict[str, Any]) -> str:
-    """The page.
-
-    Parameters
-    ----------
-    result : dict
-        As `compare_models` gives it; embedded in the page as it is.
-    """
+    """The page, in which `result`, of `compare_models`, is embedded as it is."""
     sizes: dict[str, int] = {}
     for model in result["models"]:
         for name, row in model["patch"]["per_class"].items():

@@ -280,19 +280,9 @@ def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> 
 
 
 def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -> DatasetVersion:
-    """Write a dataset version; the same content is written once.
+    """Write a dataset version into the workspace's ``datasets`` folder; the same content once.
 
-    Parameters
-    ----------
-    root : Path
-        The workspace's ``datasets`` folder.
-    progress : callable
-        ``progress(items, total, what)`` passes the items through, showing how far it is.
-
-    Raises
-    ------
-    ToktError
-        If there is one class only, a frame cannot be read, or a name cannot be used.
+    Raises ToktError if there is one class only, a frame cannot be read, or a name cannot be used.
     """
     if plan.task not in TASKS:
         raise ToktError(f"task is one of {', '.join(TASKS)}, not {plan.task!r}")

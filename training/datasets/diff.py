@@ -12,19 +12,13 @@ def diff_datasets(before: DatasetVersion, after: DatasetVersion) -> dict[str, An
 
     A patch is the same where mission, camera, frame, row and column are, whatever its frame shows.
 
-    Returns
-    -------
-    dict
-        JSON: before, after (labels), same_content; settings {name: [before, after]} of those that
-        changed; frames, patches, unsure_left_out and labels {class: ...} [before, after]; missions
-        {added, gone, changes: {mission: counts}}; relabelled [{from, to, patches}], null where the
-        grids differ; and sources {gone, added}, missions and annotators in the words of each
-        version's first build, which the hash does not cover.
+    Returns JSON: before, after (labels), same_content; settings {name: [before, after]} of those
+    that changed; frames, patches, unsure_left_out and labels {class: ...} [before, after]; missions
+    {added, gone, changes: {mission: counts}}; relabelled [{from, to, patches}], null where the
+    grids differ; and sources {gone, added}, missions and annotators in the words of each version's
+    first build, which the hash does not cover.
 
-    Raises
-    ------
-    ToktError
-        If a version is damaged, or was changed on disk.
+    Raises ToktError if a version is damaged, or was changed on disk.
     """
     both = (before, after)
     for one in both:

@@ -45,23 +45,12 @@ def labels_of_mission(
 ) -> tuple[list[LabelRecord], str | None]:
     """The labels that belong to a mission, and a remark where its name is not the labels'.
 
-    Parameters
-    ----------
-    records : iterable of LabelRecord
-        Of any missions.
-    grid : Grid
-        Labels of other grids are passed over.
-    only : bool
-        Whether the labels were given for this one mission. Then labels that name just one
-        mission are taken for it even if its folder is called otherwise, with a remark. Never
-        so for labels from a store, which may be of another dive.
+    Labels of other missions and grids are passed over. With `only` they were given for this one
+    mission: then labels that name just one mission are taken for it even if its folder is called
+    otherwise, with a remark. Never so for labels from a store, which may be of another dive.
 
-    Raises
-    ------
-    NoLabelsError
-        If there are no labels for it.
-    ToktError
-        If they speak of frames it does not have.
+    Raises NoLabelsError if there are none for it, ToktError if they speak of frames it does not
+    have.
     """
     fitting = [record for record in records if record.grid == grid]
     names = sorted({record.mission for record in fitting})
@@ -155,24 +144,10 @@ def plan_from_missions(
     frames: Sequence[int] | None = None,
     block_frames: int = BLOCK_FRAMES,
 ) -> tuple[DatasetPlan, list[str]]:
-    """Plan a dataset of labelled frames.
+    """Plan a dataset of labelled frames, or of some `frames` of theirs, `block_frames` to a group.
 
-    Parameters
-    ----------
-    name, task, taxonomy, grid
-        As in `DatasetPlan`.
-    missions : sequence of LabelledMission
-        Where annotators disagree and nobody settled it, a patch is `unsure`.
-    frames : sequence of int, optional
-        Take only these frame numbers.
-    block_frames : int
-        Frames a group.
-
-    Returns
-    -------
-    plan : DatasetPlan
-    remarks : list of str
-        What a person should know: conflicts between annotators.
+    Where annotators disagree and nobody settled it, a patch is `unsure`. With the plan come remarks
+    of what a person should know: conflicts between annotators.
     """
     sources: list[FrameSource] = []
     rows: list[tuple[str, str, int, int, int, str | None]] = []

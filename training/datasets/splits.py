@@ -121,12 +121,8 @@ def held_out_together(
 ) -> NDArray[np.object_]:
     """For each patch the name of its dive, or of its site; of dives that share a picture, of all.
 
-    Parameters
-    ----------
-    patches : DataFrame
-        Columns mission, group; groups that share a picture have one name.
-    sites : mapping of str to str, optional
-        Site by mission; a mission that has none is a site of its own.
+    In `patches` groups that share a picture have one name. `sites` has the site by mission; a
+    mission that has none is a site of its own.
     """
     named = {name: (sites or {}).get(name, name) for name in patches.mission.unique()}
     return joined_names(patches.mission.map(named), patches.group, "+".join)
@@ -157,26 +153,10 @@ def dive_folds(
 ) -> list[Fold]:
     """Hold out whole sites, or whole dives where fewer than two sites can be: one a fold.
 
-    More than `MAX_HELD_OUT_ALONE` of them are shared out among `n_folds` folds.
-
-    Parameters
-    ----------
-    patches, targets
-        As in `blocked_folds`.
-    sites
-        As in `held_out_together`.
-    refuse : bool
-        Whether a fold whose training part lacks a class is refused, or left out.
-
-    Returns
-    -------
-    list of Fold
-        Empty where there is one dive, or all share pictures.
-
-    Raises
-    ------
-    ToktError
-        If a fold's training part lacks a class.
+    More than `MAX_HELD_OUT_ALONE` of them are shared out among `n_folds` folds. There is no fold
+    where there is one dive, or all share pictures. Patches and targets are as in `blocked_folds`,
+    sites as in `held_out_together`. A fold whose training part lacks a class is left out; with
+    `refuse` it raises ToktError.
     """
     for grouped in (sites, {}):
         units = held_out_together(patches, grouped)
@@ -259,17 +239,10 @@ def sites_named(texts: Sequence[str], missions: Sequence[str]) -> dict[str, str]
 def every_nth_block(patches: pd.DataFrame, targets: I64, n: int, embargo_frames: int) -> Fold:
     """Hold back every n-th group in time order: the same rule for every mission.
 
-    Starts at the first offset that leaves every class in both parts.
+    Starts at the first offset that leaves every class in both parts. Arguments are as in
+    `blocked_folds`; group names sort in time order, as `block_of` makes them.
 
-    Parameters
-    ----------
-    patches, targets, embargo_frames
-        As in `blocked_folds`; group names sort in time order, as `block_of` makes them.
-
-    Raises
-    ------
-    ToktError
-        If no offset leaves every class in both parts.
+    Raises ToktError if no offset leaves every class in both parts.
     """
     names, place = np.unique(patches.group.to_numpy(), return_inverse=True)
     mission, frame = patches.mission.to_numpy(), patches.frame.to_numpy()

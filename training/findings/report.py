@@ -31,19 +31,8 @@ def write_findings_page(
 ) -> None:
     """Write the page, with the picture of each finding whose mission is there.
 
-    Parameters
-    ----------
-    path : Path
-    findings : sequence of InspectionFinding
-    missions : dict of str to Mission or None
-        By a finding's run.
-    classes : sequence of str
-        That were looked for.
-
-    Raises
-    ------
-    ToktError
-        If the file cannot be written.
+    `missions` are by a finding's run; `classes` are those that were looked for. Raises ToktError if
+    the file cannot be written.
     """
     names = sorted({found.label for found in findings})
     colours = {name: _COLOURS[at % len(_COLOURS)] for at, name in enumerate(names)}

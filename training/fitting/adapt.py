@@ -87,17 +87,10 @@ def adapted_request(
 ) -> TrainRequest:
     """A request for the model's next version: all as before, and the new dive.
 
-    Parameters
-    ----------
-    dataset : DatasetVersion
-        The model's, with the new dive.
-    by, sites
-        As for `Split.of`; what is left open is the model's own, but for one of a single dive.
+    `dataset` is the model's, with the new dive. `by` and `sites` are as for `Split.of`; what is
+    left open is the model's own, but for one of a single dive.
 
-    Raises
-    ------
-    ToktError
-        As `Split.of`; or if the new dive has a class that the model does not tell.
+    Raises ToktError as `Split.of`; or if the new dive has a class that the model does not tell.
     """
     old, bundle = known.split, known.bundle
     more = sorted(set(dataset.classes()) - set(known.dataset.classes()))
@@ -215,27 +208,13 @@ def adaptation(
 ) -> dict[str, Any]:
     """What learning a new dive too gained, what it cost, and what more labels would bring.
 
-    Nothing is chosen: fits have the model's own C, those of the old folds the folds'; a boundary
-    that moves with the water starts from the model's own prior.
+    `trained` is the version by `adapted_request`, `name` the new dive, whose frames are labelled in
+    `draws` orders, drawn with a fixed seed. Nothing is chosen: fits have the model's own C, those
+    of the old folds the folds'; a boundary that moves with the water starts from the model's own
+    prior.
 
-    Parameters
-    ----------
-    known : KnownModel
-        The model before.
-    trained : Trained
-        By `adapted_request`.
-    name : str
-        The new dive.
-    cache, progress, jobs
-        As for `train`.
-    draws : int
-        Orders, drawn with a fixed seed, in which the dive's frames are labelled.
-
-    Returns
-    -------
-    dict
-        JSON: mission, before (the model), labelled, gained (null where nothing can be told), lost
-        (by old dive), curve (a dict a number of labelled frames), rate_unknown, words.
+    Returns JSON: mission, before (the model), labelled, gained (null where nothing can be told),
+    lost (by old dive), curve (a dict a number of labelled frames), rate_unknown, words.
     """
     data, spec = trained.request.dataset, known.bundle.extractor.spec
     moving = known.settings.moving_boundary

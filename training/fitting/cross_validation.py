@@ -82,17 +82,8 @@ class Split:
     ) -> Self:
         """The split that is asked for; for what is left open, by dive where there are several.
 
-        Parameters
-        ----------
-        folds, embargo_frames, by, weight
-            As above; None where it is left open.
-        sites : sequence of str
-            As for `sites_named`; none for those that the dataset was built with.
-
-        Raises
-        ------
-        ToktError
-            If dives are to be held out and there is one only, or something is misspelt.
+        `sites` are as for `sites_named`; none for those that the dataset was built with. Raises
+        ToktError if dives are to be held out and there is one only, or something is misspelt.
         """
         missions = sorted(dataset.patches.mission.unique())
         usual = DIVE if len(missions) > 1 else None
@@ -130,21 +121,11 @@ class Split:
     def cut(self, patches: pd.DataFrame, targets: I64, to_choose: bool = False) -> list[Fold]:
         """Folds of whole dives or sites where it is by dive and there are several; else of blocks.
 
-        Of the patches that are `judged`; to choose, of all.
+        Of the patches that are `judged`; to choose, of all. For a choice inside a training part
+        (`to_choose`) a dive without which a class is lost stays in training, and so is in no fold's
+        test part; where fewer than two can be held out, the folds are of blocks.
 
-        Parameters
-        ----------
-        patches, targets
-            As for `dive_folds`.
-        to_choose : bool
-            For a choice inside a training part: a dive without which a class is lost stays in
-            training, and so is in no fold's test part; where fewer than two can be held out,
-            the folds are of blocks.
-
-        Raises
-        ------
-        ToktError
-            As `dive_folds` and `blocked_folds`.
+        Raises ToktError as `dive_folds` and `blocked_folds`.
         """
         folds: list[Fold] = []
         rows = np.arange(len(patches)) if to_choose else self.judged(patches, targets)
@@ -405,16 +386,8 @@ def held_out_metrics(
 ) -> dict[str, Any]:
     """All figures of a cross-validation: pooled, by fold, by class, and of the ocean frames.
 
-    Of several dives also ``dives`` and ``over_dives``, their mean; with sites, ``sites``.
-
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    held_out : HeldOutPredictions
-    model : LinearModel
-        Says what decision values mean: thresholds, classes, obstacle flags.
-    sites : mapping of str to str, optional
-        Site by mission.
+    Of several dives also ``dives`` and ``over_dives``, their mean; with `sites` by mission,
+    ``sites``. The model says what decision values mean: thresholds, classes, obstacle flags.
     """
     tested = held_out.fold >= 0
     fold, targets = held_out.fold[tested], dataset.targets()[tested]

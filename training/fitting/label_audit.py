@@ -84,15 +84,8 @@ class AuditInput:
 def audit_input_named(reference: str, workspace: Path, folds: int | None = None) -> AuditInput:
     """A dataset (``NAME``, ``NAME@HASH``) or else a model (``NAME@ALIAS``, ``NAME/VERSION``).
 
-    Parameters
-    ----------
-    folds : int, optional
-        For a dataset; a model has its own.
-
-    Raises
-    ------
-    ToktError
-        If it is neither, or a model of which no held-out values can be told.
+    `folds` are for a dataset; a model has its own. Raises ToktError if it is neither, or a model of
+    which no held-out values can be told.
     """
     root = workspace / "datasets"
     name, _, prefix = reference.partition("@")
@@ -176,23 +169,10 @@ def audit(
     top: int | None = None,
     jobs: int = -1,
 ) -> Audit:
-    """Rank the labels that held-out decisions contradict; changes none.
+    """Rank the labels that held-out decisions contradict, or the `top` worst ones; changes none.
 
-    Parameters
-    ----------
-    cache : Path
-        Folder of the feature cache.
-    progress : callable
-        ``progress(items, total, what)`` passes the items through.
-    top : int, optional
-        Keep the worst ones only.
-    jobs : int
-        Processes for features; the result does not depend on it.
-
-    Raises
-    ------
-    ToktError
-        If the dataset cannot be cross-validated, or was changed on disk.
+    `cache` is the folder of the feature cache; the result does not depend on `jobs`. Raises
+    ToktError if the dataset cannot be cross-validated, or was changed on disk.
     """
     dataset, split = audited.dataset, audited.split
     dataset.check()

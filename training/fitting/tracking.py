@@ -237,12 +237,8 @@ def _register(
 
     The number stands in the bundle, and MLflow says it afterwards. A version whose bundle has
     another number is never listed (`RegisteredVersion.own`), and is deleted. One that others took
-    meanwhile is not tried: trainings at a time would take each other's numbers for ever.
-
-    Returns
-    -------
-    RegisteredVersion, str
-        And its card.
+    meanwhile is not tried: trainings at a time would take each other's numbers for ever. Returns
+    the version and its card.
     """
     run_id, model_id = (content.provenance[f"mlflow_{what}_id"] for what in ("run", "model"))
     recipe, least = printable_json(files["recipe.json"]), 1
@@ -326,17 +322,8 @@ def log_and_register(
 ) -> RegisteredVersion:
     """Log a run with parameters, figures, curves, dataset and model; register the version.
 
-    The new version gets the alias ``challenger``; nothing becomes ``champion`` by itself.
-
-    Parameters
-    ----------
-    key : SigningKey, optional
-        Signs the registration.
-
-    Raises
-    ------
-    ToktError
-        If the registry cannot be reached or written.
+    The new version gets the alias ``challenger``; nothing becomes ``champion`` by itself. `key`
+    signs the registration. Raises ToktError if the registry cannot be reached or written.
     """
     request, logged = trained.request, parameters(trained)
     experiment = registry.experiment_id()

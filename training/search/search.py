@@ -92,19 +92,12 @@ def search(
 ) -> dict[str, Any]:
     """Run what is left of a search, as far as the budget goes, and register the winner so far.
 
-    The rule (`RULE`) is on disk and in the registry before the first trial is run.
+    The rule (`RULE`) is on disk and in the registry before the first trial is run. Returns JSON,
+    also kept as ``result.json``.
 
-    Returns
-    -------
-    dict
-        JSON; also kept as ``result.json``.
-
-    Raises
-    ------
-    ToktError
-        If the dataset cannot be split as asked or was changed on disk, no extractor can be
-        tried, the registry or the dask scheduler cannot be reached, or another process is at
-        the same search.
+    Raises ToktError if the dataset cannot be split as asked or was changed on disk, no extractor
+    can be tried, the registry or the dask scheduler cannot be reached, or another process is at the
+    same search.
     """
     if request.dataset.block_frames is None:
         # Frame numbers only count file names there, as `fit_and_measure` knows too.

@@ -283,22 +283,11 @@ def open_session(
 ) -> Session:
     """Open the workspace's labels of a mission, ready to be served.
 
-    Parameters
-    ----------
-    workspace : Path
-        Made if it is not there.
-    annotator, version : str
-        As in `Session`.
-    taxonomy : Path, optional
-        Instead of the workspace's or the packaged one.
-    bundle : Bundle, optional
-        The model whose suggestions are shown.
+    The workspace is made if it is not there. `taxonomy` goes before the workspace's and the
+    packaged one; `bundle` is the model whose suggestions are shown.
 
-    Raises
-    ------
-    ToktError
-        If the store cannot be written, its labels of this name are of another dive, or the
-        mission, the annotator's name, the taxonomy or the model cannot be used.
+    Raises ToktError if the store cannot be written, its labels of this name are of another dive, or
+    the mission, the annotator's name, the taxonomy or the model cannot be used.
     """
     _check_frames(mission, grid, annotator)
     classes = load_taxonomy(workspace, taxonomy)

@@ -40,18 +40,10 @@ class QueueEntry:
 def next_frames(
     known: MissionSuggestions, labelled: Collection[_Name], n: int, now: _Name | None = None
 ) -> list[QueueEntry]:
-    """The next frames to label, best first; the same input gives the same queue.
+    """The next `n` frames to label, best first; the same input gives the same queue.
 
-    Parameters
-    ----------
-    known : MissionSuggestions
-        The frames to choose from.
-    labelled : collection of (camera, frame)
-        Frames that are left out.
-    n : int
-        How many at most.
-    now : (camera, frame), optional
-        The frame that is shown: it is left out, and its near copies come late.
+    Of the frames `known` those that are `labelled` are left out, and so is `now`, which is shown:
+    its near copies come late.
     """
     names = list(zip(known.cameras.tolist(), known.frames.tolist(), strict=True))
     seen = set(labelled)

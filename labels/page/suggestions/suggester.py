@@ -33,22 +33,10 @@ _SAVE_EVERY_S = 60.0
 class Suggester:
     """A model's suggestions, frame by frame, `background` computing those near the one shown first.
 
-    For any number of threads.
+    For any number of threads. They are kept in the folder `cache` for the next time: valid for this
+    bundle and these files, by their size and time. One that cannot be written only costs time.
 
-    Parameters
-    ----------
-    bundle : Bundle
-    mission : Mission
-    grid : Grid
-        That is labelled in.
-    cache : Path
-        Folder where suggestions are kept for the next time: valid for this bundle and these
-        files, by their size and time. One that cannot be written only costs time.
-
-    Raises
-    ------
-    ToktError
-        If the model looks at frames through another grid.
+    Raises ToktError if the model looks at frames through another grid than the one labelled in.
     """
 
     def __init__(self, bundle: Bundle, mission: Mission, grid: Grid, cache: Path) -> None:

@@ -44,11 +44,7 @@ class MissionSuggestions:
 class SuggestionTable:
     """Suggestions of all frames of a mission, as far as they are known. Not for several threads.
 
-    Parameters
-    ----------
-    mission : Mission
-    n_patches, dim : int
-        Patches of a frame and features of a patch.
+    A frame has `n_patches` patches, and a patch `dim` features.
     """
 
     def __init__(self, mission: Mission, n_patches: int, dim: int) -> None:

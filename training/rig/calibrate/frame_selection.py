@@ -63,20 +63,10 @@ def match_mission(
     most: int = MAX_FRAMES,
     spread: bool = False,
 ) -> list[FrameMatches]:
-    """Match the frames that have something to match.
+    """Match the frames that have something to match, or those of `frames` both cameras have.
 
-    Parameters
-    ----------
-    frames : sequence of int, optional
-        Only these; by default all that both cameras have.
-    most : int
-        At most so many, the stretch of the dive with the most texture: or, if `spread`, evenly
-        over the whole dive.
-
-    Raises
-    ------
-    ToktError
-        If there is no frame in which matches are found.
+    At most `most` are matched, the stretch of the dive with the most texture: or, if `spread`,
+    evenly over the whole dive. Raises ToktError if there is no frame in which matches are found.
     """
     present = stereo_frames(mission, frames)
     shares = {frame: texture(mission, frame) for frame in progress(present, len(present), "survey")}

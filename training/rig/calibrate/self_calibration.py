@@ -196,21 +196,11 @@ def self_calibrate(
 ) -> SelfCalibration:
     """Fit a rig to a mission's frames, and test it on frames it was not fitted to.
 
-    Parameters
-    ----------
-    progress : callable
-        Passes frame numbers on as they are worked on.
-    frames : sequence of int, optional
-        Only these; by default those with something to match.
-    part : str
-        ``"even"`` or ``"odd"``: fitted to the frames of these numbers, tested on the others.
-        ``"alternate"``: the same with every second matched frame, and then fitted to all.
-        ``"all"``: fitted to all, not tested.
+    Used are `frames`, by default those with something to match. With `part` ``"even"`` or ``"odd"``
+    it is fitted to the frames of these numbers, and tested on the others; with ``"alternate"`` to
+    every second matched frame, and then to all; with ``"all"`` to all, not tested.
 
-    Raises
-    ------
-    ToktError
-        If there is too little to match, or nothing is left to fit to or to test on.
+    Raises ToktError if there is too little to match, or nothing is left to fit to or to test on.
     """
     began = time.perf_counter()
     with ThreadpoolController().limit(limits=1, user_api="blas"):  # threads gain nothing here

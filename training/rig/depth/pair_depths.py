@@ -111,15 +111,12 @@ def _depths(detector: DisparityDetector, matches: Matches | None, status: int) -
 def summary(rows: Sequence[DepthRow], step: int = 1) -> dict[str, Any]:
     """Figures over all frames, in their order; `step` is from one frame number to the next.
 
-    Returns
-    -------
-    dict
-        frames, obstacle, clear, unknown (counts); first_detection (the first of three frames in
-        a row with an obstacle, or None); detected (first and last frame of the detected span, or
-        None); gaps (frames within that span without an obstacle's depth: count and list); nearest
-        (the frame of the least distance among all with an obstacle); of each measure of depth its
-        `steadiness` over that span; clear_valid_fraction (mean and max over clear frames, and
-        those of them with any match).
+    They are frames, obstacle, clear, unknown (counts); first_detection (the first of three frames
+    in a row with an obstacle, or None); detected (first and last frame of the detected span, or
+    None); gaps (frames within that span without an obstacle's depth: count and list); nearest (the
+    frame of the least distance among all with an obstacle); of each measure of depth its
+    `steadiness` over that span; clear_valid_fraction (mean and max over clear frames, and those of
+    them with any match).
     """
     span = detected_span(rows, step)
     seen = [row for row in rows if row.status == OBSTACLE and row.median_m is not None]

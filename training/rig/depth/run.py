@@ -76,23 +76,11 @@ def run_depth(
 ) -> dict[str, Any]:
     """Write ``depth.csv``, ``depth.png``, ``depth.json`` and ``frames/`` into `out`.
 
-    Parameters
-    ----------
-    out : Path
-        Folder; made where it is missing. Files of these names in it are replaced.
-    progress : callable
-        ``progress(items, total, what)`` passes items on.
+    Files of these names in the folder are replaced; it is made where it is missing. Returns the
+    JSON object of ``tokt depth --json``: `summary`, and what was written.
 
-    Returns
-    -------
-    dict
-        The JSON object of ``tokt depth --json``: `summary`, and what was written.
-
-    Raises
-    ------
-    ToktError
-        If the mission has one camera only, a frame that was asked for is not in it, or there is
-        nothing to make a cloud of. A pair that cannot be judged is a row that says why.
+    Raises ToktError if the mission has one camera only, a frame that was asked for is not in it, or
+    there is nothing to make a cloud of. A pair that cannot be judged is a row that says why.
     """
     source = _source(mission, out, request)
     given = _given(mission, request)
