@@ -213,8 +213,7 @@ def _no_structure_fault(gray: U8, grid: Grid) -> Fault:
     return Fault(Reason.BLANK, "the frame shows noise and no picture: covered, or no signal")
 
 
-_DETAIL_ROWS = 48
-"""Rows of a frame that its fine detail is looked for in, or a few more."""
+_DETAIL_ROWS = 48  # rows of a frame that its fine detail is looked for in, or a few more
 _MIN_TILE_PX = 4
 
 

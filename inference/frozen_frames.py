@@ -71,13 +71,11 @@ _ROWS = 32
 _PIECE_PX = 240
 """At least, unless the picture is narrower: compressed, a shorter one comes again by chance."""
 _WORD = 8
-_FEWEST_WORDS = 2
-"""In a row, so that a flat piece is seen."""
+_FEWEST_WORDS = 2  # in a row, so that a flat piece is seen
 _LAG = 2
 _BLOCK = 8
 """A JPEG block's width in pixels. Steps between blocks come from the picture, not from noise."""
-_LARGEST = 8
-"""Grey levels. Larger differences are the picture's, not noise."""
+_LARGEST = 8  # grey levels; larger differences are the picture's, not noise
 
 QUIET = 2.0
 QUIET_PART = 0.25

@@ -37,8 +37,7 @@ MAX_WINDOW_FRAMES = 60
 MIN_STRETCHES = 3
 """With fewer stretches held back, the largest distance seen says next to nothing."""
 _MAX_EXACT = 2**53  # counts that a float64 holds exactly
-_SAME = 1e-9
-"""Values this close are one value: other kernels may differ in the last digits."""
+_SAME = 1e-9  # values this close are one value: other kernels may differ in the last digits
 
 
 @dataclass(frozen=True)

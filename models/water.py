@@ -21,13 +21,11 @@ from tokt.features.common.errors import ToktError
 
 FILLED = 0.5
 """Part of a frame's patches above 0 from which on the boundary does not rise above all of them."""
-_ROUNDS = 6
-"""Of EM; on the six dives it was worked out on the boundary is as good as after 30."""
+_ROUNDS = 6  # of EM; on the six dives it was worked out on the boundary is as good as after 30
 _STEP = 0.01
 """What the boundary is rounded to, so that last digits of a machine's logarithms do not show."""
 _MIN_SD = 0.05
-_SD_OF_MAD = 1.4826
-"""A normal distribution's standard deviation over its median absolute deviation."""
+_SD_OF_MAD = 1.4826  # a normal distribution's standard deviation over its median absolute deviation
 _MAX = 1e6
 
 

@@ -159,8 +159,7 @@ LINEAR, LOG = "linear", "log"
 _LOG_NAMES = dict.fromkeys(
     ("contrast", "correlation", "sum_of_squares", "sum_variance", "difference_variance"), "_log"
 )
-_LEAST = 0.1
-"""Squared levels, small beside those of a picture with any texture."""
+_LEAST = 0.1  # squared levels, small beside those of a picture with any texture
 
 
 class Glcm(OnePicture):
@@ -199,8 +198,7 @@ def on_log_scale(features: F64) -> F64:
     return out
 
 
-_NO_LINE = 0.25
-"""Levels that count as no line at all: the logarithm of less says nothing."""
+_NO_LINE = 0.25  # levels that count as no line at all: the logarithm of less says nothing
 
 
 class Lines(OnePicture):
@@ -268,8 +266,7 @@ def moments_of(counts: I64) -> F64:
     return np.stack([total / n, np.sqrt(variance), *extremes, *percentiles], axis=1)
 
 
-_NO_EDGE = 0.25
-"""Squared levels that count as no edge at all: the logarithm of less says nothing."""
+_NO_EDGE = 0.25  # squared levels that count as no edge at all: the logarithm of less says nothing
 
 
 class Structure(OnePicture):

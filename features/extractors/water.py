@@ -20,10 +20,8 @@ from .textures import SPEC_VERSION, Extractor, Join
 
 _NO_ENERGY = 1e-3
 """Squared grey levels a pixel that count as no gradient: the logarithm of less says nothing."""
-_NO_GRADIENT = 0.03
-"""Grey levels a pixel, the same of a single pixel's gradient."""
-_NO_COLOUR_ENERGY = 0.01
-"""Squared units of Lab from box to box that count as no change of colour."""
+_NO_GRADIENT = 0.03  # grey levels a pixel, the same of a single pixel's gradient
+_NO_COLOUR_ENERGY = 0.01  # squared units of Lab from box to box that count as no change of colour
 
 
 class Gradients(Extractor):

@@ -25,8 +25,7 @@ MOSAIC_FORMATS = ("Mono8", *_BAYER)
 PIXEL_FORMATS = (*MOSAIC_FORMATS, *_COLOUR)
 """All formats that are known; ``Packed`` is how older cameras spell the same."""
 
-_MIN_MOSAIC_PX = 3
-"""Height and width below which OpenCV gives black instead of colours."""
+_MIN_MOSAIC_PX = 3  # height and width below which OpenCV gives black instead of colours
 
 
 def frame_from_camera(

@@ -34,8 +34,7 @@ _PNM_MAXIMUM = re.compile(rb"P[2356](?:(?:\s|#[^\r\n]*[\r\n])+(\d{1,9})){3}")
 _FEW_BITS_GREY = 16
 """12 bits in 16 reach this grey level at most (OpenCV rounds some); what stays below is dark."""
 _REMEDY = "convert it to 8 bits, all files alike (12-bit levels: divided by 16)"
-_MAX_PIXELS = 100_000_000
-"""No camera gives more, and a file of some kilobytes can say that it does."""
+_MAX_PIXELS = 100_000_000  # no camera gives more, and a file of some kilobytes can say that it does
 
 
 def _jpeg_fault(data: bytes) -> str:

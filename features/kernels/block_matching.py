@@ -21,8 +21,7 @@ MAX_DISPARITY_PX = ((1 << 15) - 1) // PER_PIXEL
 """They are kept in 16 bits with a sign."""
 PADDING = 128
 _LANES = 16
-_MAX_SUM = (1 << 15) - 1
-"""Of a block: OpenCV sums 16 bits with a sign."""
+_MAX_SUM = (1 << 15) - 1  # of a block: OpenCV sums 16 bits with a sign
 
 
 @dataclass(frozen=True)

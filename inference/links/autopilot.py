@@ -14,8 +14,7 @@ from .vehicle import VehicleState
 
 AUTOPILOT = 1
 """The component (MAV_COMP_ID_AUTOPILOT1) that is believed."""
-_STATION = 6
-"""Its type of vehicle (MAV_TYPE_GCS)."""
+_STATION = 6  # its type of vehicle (MAV_TYPE_GCS)
 
 
 def mavlink_dialect() -> ModuleType:

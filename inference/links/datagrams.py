@@ -19,8 +19,7 @@ PEER_S = 10.0
 """Seconds of silence after which a peer is answered no more."""
 MAX_PEERS = 8
 _MAX_DATAGRAM = 2048
-_PACE_S = 0.001
-"""Between two datagrams: a flood of them cannot take the loop's processor."""
+_PACE_S = 0.001  # between two datagrams: a flood of them cannot take the loop's processor
 
 
 class DatagramSocket:

@@ -23,8 +23,7 @@ FIRST_WAIT_S, MAX_WAIT_S = 0.5, 10.0
 MAX_WAITING = 16
 """Messages that wait at most, a second's; of more, the oldest is left out."""
 _READ_BYTES = 4096
-_PACE_S = 0.01
-"""Between two pieces: a flood of them cannot take the loop's processor."""
+_PACE_S = 0.01  # between two pieces: a flood of them cannot take the loop's processor
 _FORMS = "udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD]"
 _SERIAL = re.compile(
     r"(?:serial:)?((?<=:)[^:]+|/dev/serial/by-path/.+?|/dev/[^:]+|COM\d+)(?::(\d{1,8}))?",

@@ -187,8 +187,7 @@ def _histogram(name: str, words: str, histogram: Histogram) -> Metric:
     return HistogramMetricFamily(_PREFIX + name, words, buckets=buckets, sum_value=histogram.sum_s)
 
 
-_REQUEST_S = 2.0
-"""Longest silence of a client within its request, in seconds."""
+_REQUEST_S = 2.0  # longest silence of a client within its request, in seconds
 _STOP_CHECK_S = 0.2
 _JOIN_S = 1.0
 

@@ -9,8 +9,7 @@ MAX_TEXT = 50
 """Characters of MAVLink's STATUSTEXT."""
 BETWEEN_S = 2.0
 """Between two lines, as a voice needs it; an obstacle that is news does not wait."""
-_ASIDE = 1 / 6
-"""Of the picture's width: a centre that is farther from the middle is left or right."""
+_ASIDE = 1 / 6  # of the picture's width: a centre that is farther from the middle is left or right
 ENDED = "tokt: ended, it warns no more"
 
 

@@ -31,8 +31,7 @@ MAX_CLIENTS, MAX_REQUEST = 64, 16_384
 REQUEST_S = 5.0
 """Longest time in seconds that a client takes to ask, or to take what it is sent."""
 _POLL_S, _FRESH_S, _WATCHED_S = 0.25, 0.5, 2.0
-_SEND_BYTES = 1 << 17
-"""Of a stream that wait in the system: a picture or two."""
+_SEND_BYTES = 1 << 17  # of a stream that wait in the system: a picture or two
 _PAGE = Path(__file__).with_name("view.html")
 _HEADERS = {
     "Cache-Control": "no-store",

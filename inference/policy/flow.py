@@ -22,8 +22,7 @@ _OVER_MEDIAN, _OVER_NOISE = 2.0, 4e-5
 water is the camera's noise, which stands still in the picture. In a picture full of texture it
 counts from so many times the square of what is finest (its Laplacian, a quarter of the cells)."""
 _LK: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 3}
-_BACK_PX = 0.5
-"""What is followed forwards and back ends this near to where it began."""
+_BACK_PX = 0.5  # what is followed forwards and back ends this near to where it began
 
 
 class FlowPicture:

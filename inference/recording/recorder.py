@@ -201,8 +201,7 @@ RECORDING = "recording"
 
 _LOCK = ".recording.lock"
 _LOCK_WAIT_S = 0.3
-_TELL_S = 10.0
-"""Seconds between two events about faults."""
+_TELL_S = 10.0  # seconds between two events about faults
 
 
 @dataclass(eq=False)

@@ -23,8 +23,7 @@ from .replay import models_of_run, odometry_of, pictures_of
 _SMOOTHED = 4
 """Frames each way over which a track is smoothed: the way back and forth is not the way along."""
 _EARTH_M = 6_371_000.0
-_LAST_M = 2.0
-"""Metres at a track's end that say which way it goes on."""
+_LAST_M = 2.0  # metres at a track's end that say which way it goes on
 
 
 @dataclass(frozen=True, eq=False)

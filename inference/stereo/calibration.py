@@ -19,11 +19,9 @@ _ASPECT_DIFFERENCE = 0.02
 _FOCAL_OF_WIDTH = (0.3, 10.0)
 _BASELINE_MM = (50.0, 2000.0)
 _ROTATION_DEG = 10.0
-_OFF_CENTRE = 0.1
-"""Part of the frame's diagonal."""
+_OFF_CENTRE = 0.1  # part of the frame's diagonal
 _TANGENTIAL = 0.02
-_MAX_PIXELS = 100_000_000
-"""No camera has more, and rectifying takes memory for each."""
+_MAX_PIXELS = 100_000_000  # no camera has more, and rectifying takes memory for each
 
 
 @dataclass(frozen=True)

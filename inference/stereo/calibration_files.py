@@ -27,8 +27,7 @@ MISSION_FRAME_SIZE = (1360, 1024)
 that does not say its frames' size is for."""
 
 _MAX_BYTES = 1 << 20
-_MAX_BRACKETS = 5000
-"""OpenCV's parser needs memory with the square of the nesting depth."""
+_MAX_BRACKETS = 5000  # OpenCV's parser needs memory with the square of the nesting depth
 _MAX_NUMBERS = 64
 _MAX_NUMBER = 1e9
 _MM_PER = {
@@ -311,8 +310,7 @@ def _opencv_size(storage: cv2.FileStorage) -> ArrayLike | None:
 
 
 _STEPS = 4000
-_FARTHEST = 4.0
-"""How far the walk goes out, in distances of the farthest corner."""
+_FARTHEST = 4.0  # how far the walk goes out, in distances of the farthest corner
 
 
 def folds_back_at_px(K: F64, D: F64, frame_size: tuple[int, int]) -> float | None:

@@ -52,8 +52,7 @@ MATCHED_OF_TEXTURED = 0.25
 MATCHED_HITS, MATCHED_WINDOW = 4, 6
 ALONE_HITS, ALONE_WINDOW = 4, 5
 """A patch counts with so many of the last frames."""
-_SAMPLES = 20
-"""Rows and columns of points of a patch that are looked at."""
+_SAMPLES = 20  # rows and columns of points of a patch that are looked at
 
 
 class _Faint(NamedTuple):

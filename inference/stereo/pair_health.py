@@ -110,8 +110,7 @@ _PLACES = np.arange(_PARTS**2).reshape(_PARTS, _PARTS)
 _TURNS = np.array([np.rot90(way, by).ravel() for way in (_PLACES, _PLACES.T) for by in range(4)])
 """Where each part comes from when a view is turned and mirrored; first as it is."""
 _EVENLY = (np.arange(_PARTS) - (_PARTS - 1) / 2) / np.arange(_PARTS).std()
-_BLACK_GREY = 3.0
-"""Grey levels that are added before the logarithm: differences below are noise."""
+_BLACK_GREY = 3.0  # grey levels that are added before the logarithm: differences below are noise
 
 MISFIT = "the left and right frames do not match: another moment, or something too near"
 NEARER = "much of the left view matches nowhere: something may be nearer than the distance"

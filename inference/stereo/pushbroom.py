@@ -372,8 +372,7 @@ def _hits(left: NormalizedView, right: NormalizedView, looked: Slice) -> F32:
     return np.asarray(found * large[labels], np.float32)
 
 
-_NEAREST_M = 0.1
-"""Metres in front of the camera. What is nearer, or behind, is out of view."""
+_NEAREST_M = 0.1  # metres in front of the camera; what is nearer, or behind, is out of view
 _GROWTH = 0.05
 """Part by which a thing may look larger than when it was seen before it is painted so."""
 

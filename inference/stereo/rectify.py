@@ -19,8 +19,7 @@ from tokt.inference.config import DEFAULT_SCALE
 
 from .calibration import StereoCalibration
 
-_MIN_IN_VIEW = 0.5
-"""Part of the left frame that has to lie inside its rectified view."""
+_MIN_IN_VIEW = 0.5  # part of the left frame that has to lie inside its rectified view
 
 
 def rectifying(calibration: StereoCalibration) -> tuple[F64, ...]:

@@ -32,8 +32,7 @@ from .options import (
 )
 
 T = TypeVar("T")
-_SHOWN = 100
-"""Characters of a file's own words that a remark repeats."""
+_SHOWN = 100  # characters of a file's own words that a remark repeats
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from .completion import join_bash_words
 from .help import Commands
 from .interrupts import interrupt_ends
 
-_TRACEBACKS = 20
-"""Files with tracebacks that are kept."""
+_TRACEBACKS = 20  # files with tracebacks that are kept
 _ENTRY_POINTS = "tokt.commands"
 """Group of the entry points by which other distributions add commands; each is a Typer app."""
 _OF_STUDIES = ("demo", "simulate", "reproduce", "bench")

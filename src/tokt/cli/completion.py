@@ -5,8 +5,7 @@ from collections.abc import Iterator, MutableMapping
 from pathlib import Path
 from typing import Any
 
-_BREAKS = "@:="
-"""Where bash parts words, beside blanks."""
+_BREAKS = "@:="  # where bash parts words, beside blanks
 _CHOICE = re.compile(r"[a-z][a-z0-9_-]*")
 _parted = False
 

@@ -10,8 +10,7 @@ from typer.models import CommandFunctionType
 from .completion import complete
 
 _OTHERS = "Options"
-_FEW = 6
-"""Options that need no headings."""
+_FEW = 6  # options that need no headings
 _HEADINGS = {
     "Page": "port host token no_token no_browser",
     "Missions and labels": "mission labels patches frames grid taxonomy annotator camera "

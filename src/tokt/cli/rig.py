@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 NOT_GOOD = 1
 """Exit code of --check for a calibration that is shifted or unusable."""
-_REASONS = 3
-"""Why pairs could not be judged: so many reasons are told, the most frequent ones."""
+_REASONS = 3  # why pairs could not be judged: so many reasons are told, the most frequent ones
 
 
 def calibrate(

@@ -20,8 +20,7 @@ from .vertical_error import VerticalError, vertical_error
 
 MIN_BOARDS = 8
 """Two cameras have some 20 numbers; from fewer boards, tilted too little, they come out wrong."""
-_TEST_EACH = 4
-"""Every fourth board is held out of the first fit."""
+_TEST_EACH = 4  # every fourth board is held out of the first fit
 _SIDE = range(3, 51)
 _STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
 _FIND = (cv2.CALIB_CB_ACCURACY, cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE)

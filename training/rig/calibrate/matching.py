@@ -19,10 +19,8 @@ from tokt.features.frames.mission import LEFT, RIGHT, Mission
 _HALVED_FROM = 1000
 """Frames this wide are matched at half resolution: SIFT doubles the picture by itself, and the
 noise of neighbouring pixels, which a nearly black frame is full of, averages out."""
-_LOCAL_PX = 12.0
-"""Spread of the window of the local contrast, in pixels of a view 680 wide."""
-_NOISE_LEVELS = 2.0
-"""Local contrast in grey levels that is taken for noise rather than enlarged."""
+_LOCAL_PX = 12.0  # spread of the window of the local contrast, in pixels of a view 680 wide
+_NOISE_LEVELS = 2.0  # local contrast in grey levels that is taken for noise rather than enlarged
 _GAIN, _MIDDLE = 50.0, 128.0
 _MAX_FEATURES = 3000
 _RATIO = 0.8
@@ -37,8 +35,7 @@ _RETURN_PX, _MOVE_PX = 0.5, 4.0
 full frame, it may come back from the other view, and move from where SIFT had it."""
 _MIN_MATCHES = 16
 """A fundamental matrix has 7 degrees of freedom: from fewer matches it would fit anything."""
-_REACH = 3
-"""A frame is linked to this many frames before it: a point may be missed in between."""
+_REACH = 3  # a frame is linked to this many frames before it: a point may be missed in between
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,7 @@ _STRIPE_PX = 7
 _MAP = ListedColormap(mpl.colormaps["turbo"](np.linspace(0.95, 0.08, _N_DEPTHS)))
 _TICKS_M = (0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10, 15, 20, 30)
 _BARS_M = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)
-_MAX_BAR = 0.35
-"""Of the frame's width."""
+_MAX_BAR = 0.35  # of the frame's width
 
 
 def title(row: DepthRow) -> str:

@@ -41,10 +41,8 @@ PICTURES_FOLDER = "frames"
 MAX_FUSED = 100
 """So many frames are joined at most: time grows with their square."""
 Progress = Callable[..., Any]
-_COLOR_ENDS_M = (1.0, 10.0)
-"""Of the colour bar where nothing was matched."""
-_MIN_RATIO = 2.0
-"""Far end of the colour bar over its near end: below, it would show the noise."""
+_COLOR_ENDS_M = (1.0, 10.0)  # of the colour bar where nothing was matched
+_MIN_RATIO = 2.0  # far end of the colour bar over its near end: below, it would show the noise
 
 
 @dataclass(frozen=True)
