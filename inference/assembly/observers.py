@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from tokt.features.common.terminal import say
 from tokt.features.common.workspace import DEFAULT_WORKSPACE
@@ -47,7 +48,8 @@ def _live_view(config: RunConfig, events: EventQueue, naming: ObjectNaming) -> O
     return LiveView(listener, token, record, stale_s, events.put, naming, listen)
 
 
-class Observers(NamedTuple):
+@dataclass(frozen=True)
+class Observers:
     """Who looks on, in the order in which they are told, and those of them that others ask."""
 
     observers: list[Observer]

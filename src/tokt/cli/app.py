@@ -8,7 +8,6 @@ import time
 import traceback
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
 
@@ -105,7 +104,14 @@ _OWN = {
 @cache
 def whole_app() -> Commands:
     """Return the commands of tokt and of other installed distributions."""
+    from importlib.metadata import entry_points  # takes 10 ms, which `run` has no use for
+
     made = _core_app()
+    # Of two commands of one name typer has the later one: these give way to those of the studies.
+    anything = {"allow_extra_args": True, "ignore_unknown_options": True}
+    for name in _OF_STUDIES:
+        settings = {"hidden": True, "add_help_option": False, "context_settings": anything}
+        made.command(name, **settings)(_refuse_missing_studies)
     for entry in entry_points(group=_ENTRY_POINTS):
         try:
             others = entry.load()
@@ -114,13 +120,6 @@ def whole_app() -> Commands:
         else:
             made.registered_commands += others.registered_commands
             made.registered_groups += others.registered_groups
-    there = {command.name or command.callback.__name__ for command in made.registered_commands
-             if command.callback is not None}  # fmt: skip
-    anything = {"allow_extra_args": True, "ignore_unknown_options": True}
-    for name in _OF_STUDIES:
-        if name not in there:
-            settings = {"hidden": True, "add_help_option": False, "context_settings": anything}
-            made.command(name, **settings)(_refuse_missing_studies)
     return made
 
 
