@@ -80,10 +80,7 @@ have 2.4 times what noise gives, and more; noise 1.2 times at most."""
 
 
 def shape_fault(frame: U8) -> Fault:
-    """Why an array is no picture as a camera gives it, or an empty string.
-
-    A picture is of uint8, shape (height, width) or (height, width, 3).
-    """
+    """Why an array is no picture, uint8 (height, width) or (height, width, 3); or nothing."""
     picture = frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] == 3)
     if frame.dtype != np.uint8 or not picture or 0 in frame.shape:
         words = f"the frame is {frame.dtype} of shape {frame.shape}, not an 8-bit picture"

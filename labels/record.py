@@ -86,10 +86,7 @@ class LabelRecord:
 
 
 def check_name(what: str, value: str) -> None:
-    """Refuse a name that files, tables or the store would not keep as it is.
-
-    Raises ToktError if `value` is empty, not trimmed or not printable.
-    """
+    """Refuse a name that no file keeps as it is: empty, not trimmed or not printable."""
     if not value or not value.isprintable() or value != value.strip():
         raise ToktError(f"{what} {value!r} is empty or has blanks around it or unprintable signs")
 
@@ -101,10 +98,7 @@ def utc_now() -> str:
 
 @lru_cache(maxsize=1024)
 def utc_text(text: str) -> str:
-    """Any ISO 8601 time with a zone as label records write it: UTC, ending in ``Z``.
-
-    Raises ToktError if `text` is not such a time.
-    """
+    """An ISO 8601 time with a zone as records write it, UTC with ``Z``; ToktError if it is none."""
     try:
         moment = datetime.fromisoformat(text)
         if moment.tzinfo is not None:

@@ -166,9 +166,7 @@ class Taxonomy:
 
 
 def load_taxonomy(workspace: Path | None = None, file: Path | None = None) -> Taxonomy:
-    """The taxonomy in force: `file` if given, else the workspace's own, else the packaged one.
-
-    Raises ToktError if the file that is in force cannot be used.
+    """The taxonomy of `file`, else the workspace's, else the packaged one; ToktError if unusable.
     """
     if file is None and workspace is not None and (workspace / FILE_NAME).is_file():
         file = workspace / FILE_NAME

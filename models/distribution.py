@@ -190,10 +190,7 @@ def ks_distances(counts: I64, others: I64) -> F64:
 
 
 def drift_words(summary: Mapping[str, Any] | None) -> str:
-    """What is known of a model's training distribution, and how its limits were made, for people.
-
-    `summary` is that of `Distribution.summary`; None where a model has none.
-    """
+    """What is known of a model's training distribution, if it has one, and its limits, in words."""
     if summary is None:
         return (
             "Input drift is not known for this model: it holds no distribution of its training "

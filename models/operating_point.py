@@ -99,10 +99,7 @@ class MofNRule:
 
     @classmethod
     def from_json(cls, value: Any) -> MofNRule:
-        """Read back what `to_json` gave.
-
-        Raises ToktError if it is not a rule.
-        """
+        """Read back what `to_json` gave; ToktError if it is not a rule."""
         if not isinstance(value, Mapping) or set(value) != set(_JSON_NAMES):
             raise ToktError(f"a frame rule has exactly {', '.join(sorted(_JSON_NAMES))}")
         return cls(**{_JSON_NAMES[name]: part for name, part in value.items()})
@@ -134,10 +131,7 @@ class OperatingPoint:
 
     @classmethod
     def from_json(cls, value: Any) -> OperatingPoint:
-        """Read back what `to_json` gave.
-
-        Raises ToktError if it is not an operating point.
-        """
+        """Read back what `to_json` gave; ToktError if it is not an operating point."""
         if not isinstance(value, Mapping) or not isinstance(value.get("chosen"), Mapping):
             raise ToktError("an operating point is a frame rule with how it was chosen")
         rest = dict(value)
@@ -153,10 +147,7 @@ def frame_step(numbers: Iterable[int]) -> int:
 
 
 def missed_before(numbers: Sequence[int], step: int) -> list[int]:
-    """How many frames are missing before each of some frames, by their rising numbers.
-
-    `step` is the `frame_step` of their mission.
-    """
+    """How many frames are missing before each of some; `step` is their mission's `frame_step`."""
     gaps = [(after - before) // step - 1 for before, after in pairwise(numbers)]
     return [0, *gaps] if numbers else []
 

@@ -156,10 +156,7 @@ def _log_odds(scores: F64, means: F64, sds: F64, share: float) -> F64:
 
 
 class WaterState:
-    """The decision values of one run's last frames, and the boundary they give.
-
-    Without a prior the boundary stays at 0.
-    """
+    """The decision values of one run's last frames, and their boundary: 0 without a prior."""
 
     def __init__(self, prior: WaterPrior | None) -> None:
         self.prior = prior

@@ -33,10 +33,7 @@ class FrameError(ToktError):
 
 
 def check_format(version: Any, newest: int, what: str) -> None:
-    """Check the version of a file's format; ValueError if it is none.
-
-    ToktError if a newer tokt wrote it.
-    """
+    """Check the version of a file's format; ValueError if it is none, ToktError if it is newer."""
     if type(version) is not int or version < 1:
         raise ValueError(f"{version!r} is no version of a format")
     if version > newest:

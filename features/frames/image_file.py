@@ -149,10 +149,7 @@ def is_shown_alike(data: bytes) -> bool:
 
 
 def read_image(path: Path) -> U8:
-    """Read and decode one file; see `decode_image`.
-
-    Raises FrameError if the file cannot be read, or `decode_image` refuses it.
-    """
+    """Read and decode one file; FrameError if it cannot be read, or as `decode_image`."""
     with os_errors_as(str(path), FrameError):
         data = path.read_bytes()
     return decode_image(data, str(path))

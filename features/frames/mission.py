@@ -231,10 +231,7 @@ class VideoMission:
 
 
 def parse_frames(text: str) -> list[int]:
-    """Read a list of frame numbers and ranges such as ``"1-99,132-246"``; sorted, unique.
-
-    Raises ToktError if a part is not a number or a rising range.
-    """
+    """The numbers of ``"1-99,132-246"``, sorted, unique; ToktError if a part is no rising range."""
     frames: set[int] = set()
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)

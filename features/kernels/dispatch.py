@@ -329,10 +329,7 @@ class Kernels:
 
 
 def load_kernels(name: str, why: str = "asked for") -> Kernels:
-    """The kernels of that name.
-
-    Raises ToktError if the name is not known; ImportError if this machine does not have them.
-    """
+    """The kernels of that name; ToktError if it is not known, ImportError if they are not here."""
     if name not in NAMES:
         raise ToktError(f"{VARIABLE}={name}: unknown kernels (choose from {', '.join(NAMES)})")
     # Only the one asked for: the reference needs scikit-image and mahotas.
@@ -346,10 +343,7 @@ def _reason(error: ImportError) -> str:
 
 
 def choose_kernels(wanted: str) -> Kernels:
-    """The kernels that `VARIABLE` asks for, or, where it is empty, the fastest this machine has.
-
-    ToktError if the ones asked for are not known or not there.
-    """
+    """The kernels that `VARIABLE` names, or the fastest here; ToktError if they are not here."""
     if wanted:
         try:
             return load_kernels(wanted, f"{VARIABLE}={wanted}")

@@ -116,10 +116,7 @@ class Quantization:
 
     @classmethod
     def from_json(cls, value: Any) -> Quantization:
-        """Read what `to_json` wrote.
-
-        Raises ToktError if it is anything else, or an option is out of range.
-        """
+        """Read what `to_json` wrote; ToktError for anything else, or an option out of range."""
         if not isinstance(value, Mapping) or any(value.get(key) != _BASE[key] for key in _BASE):
             raise ToktError(f"image {value!r} is not known here")
         _check_keys(value, _KEYS, "image")

@@ -23,10 +23,7 @@ BOUNDS_S = (
 
 
 class Histogram:
-    """A histogram of durations over fixed buckets.
-
-    It counts one for each of `BOUNDS_S`, and one for what is beyond.
-    """
+    """A histogram of durations: a count for each of `BOUNDS_S`, and one for what is beyond."""
 
     def __init__(self) -> None:
         self.counts = [0] * (len(BOUNDS_S) + 1)

@@ -51,10 +51,7 @@ _ANY_ADDRESS = ("0.0.0.0", "::")
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """A socket that listens there.
-
-    Raises ToktError if the port is taken, or the address not of this computer.
-    """
+    """A socket that listens there; ToktError if the port is taken, or the address not ours."""
     if not 0 <= port <= 65535:
         raise ToktError(f"--view is a port, 1 to 65535, not {port}")
     family, address = resolve(host, port)

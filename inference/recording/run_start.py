@@ -102,10 +102,7 @@ class RunStart:
 
     @classmethod
     def from_fields(cls, value: Mapping[str, Any], where: str) -> RunStart:
-        """Read back what `fields` gave, among other entries.
-
-        Raises ToktError if it is not that, or of a newer tokt.
-        """
+        """What `fields` gave, among other entries; ToktError if it is not that, or newer."""
         try:
             check_format(value.get("format_version"), FORMAT_VERSION, f"{where}: the log")
             return _read(value)

@@ -87,10 +87,7 @@ class LoggedRun:
         return self.path.is_dir()
 
     def frames(self) -> Iterator[LoggedFrame]:
-        """Its frames in the order in which they were judged.
-
-        ToktError if a line is not that of a frame, or the files have gone.
-        """
+        """Its frames as they were judged; ToktError if a line is no frame's, or files have gone."""
         model, exchanged, named = self.start.model, 0, None
         continuity = _Recorded() if self.recorded else _Logged()
         gaps: list[LogGap] = []

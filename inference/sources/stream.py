@@ -68,10 +68,7 @@ def encode_frame(
 
 
 class StreamSource:
-    """The frames of the stream ``stream:HOST:PORT``, each in its turn.
-
-    ToktError if the text names no address, or nobody answers there.
-    """
+    """The frames of ``stream:HOST:PORT``, each in its turn; ToktError if nobody answers there."""
 
     live = False
 
@@ -160,9 +157,7 @@ def _fault(side: str, picture: U8 | None) -> Fault:
 
 
 def _header(line: bytes, where: str) -> tuple[Any, float, int, list[Any]]:
-    """A frame's number, time, those missed before it, and its pictures' shapes.
-
-    ToktError if they are not what they have to be.
+    """A frame's number, time, those missed before, its pictures' shapes; ToktError if it is none.
     """
     refused = ToktError(f"{where} sends no frames: {line[:60].decode('ascii', 'replace')!r}")
     try:

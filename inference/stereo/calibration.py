@@ -35,10 +35,7 @@ class CheckedCalibration:
     refusals: list[str]  # why it cannot be used; empty for one that can
 
     def usable(self, notice: Callable[[str], object] = lambda _: None) -> StereoCalibration:
-        """Return the calibration, and tell `notice` what is odd about it.
-
-        Raises ToktError if there is a reason why it cannot be used.
-        """
+        """The calibration, what is odd about it told to `notice`; ToktError if it is of no use."""
         if self.refusals:
             raise ToktError(f"calibration {self.path}: {'; '.join(self.refusals)}")
         for oddity in self.oddities:
@@ -47,10 +44,7 @@ class CheckedCalibration:
 
 
 def load_calibration(path: Path | str) -> StereoCalibration:
-    """Read a calibration as `read_calibration` does.
-
-    ToktError also if it describes cameras that cannot be.
-    """
+    """Read a calibration as `read_calibration`; ToktError also if its cameras cannot be."""
     return read_calibration(path).usable()
 
 

@@ -55,10 +55,7 @@ def mission_metadata(mission: Mission) -> dict[FrameKey, FrameMetadata]:
 
 
 def read_ifdo(path: Path, images: MissionImages) -> dict[FrameKey, FrameMetadata]:
-    """What an iFDO file says of each of the mission's frames that it has.
-
-    ToktError if it cannot be read, is no iFDO file, or has a value that cannot be.
-    """
+    """What an iFDO file says of each of the mission's frames; ToktError if it cannot be read."""
     document = load_ifdo(path)
     found: dict[FrameKey, FrameMetadata] = {}
     for name, item in document[ITEMS].items():

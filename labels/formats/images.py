@@ -22,10 +22,7 @@ class FrameKey(NamedTuple):
 
 
 class MissionImages:
-    """File names and pixel sizes of a mission's frames.
-
-    `name` is the mission's in label records; by default the folder's.
-    """
+    """File names and pixel sizes of a mission's frames; `name` is its name in label records."""
 
     def __init__(self, mission: Mission, name: str | None = None) -> None:
         self.mission = mission

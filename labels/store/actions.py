@@ -164,10 +164,7 @@ _Step = tuple[LabelRecord, str | None]
 
 
 class ActionLog:
-    """Reads and writes the actions of a store.
-
-    Whoever calls `apply` or `reverse` holds a writing transaction of its connection.
-    """
+    """Reads and writes a store's actions; who calls `apply` or `reverse` holds a transaction."""
 
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection

@@ -325,9 +325,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
 
 
 def unzip(data: bytes, where: str) -> dict[str, bytes]:
-    """The members of a zip, none of them compressed, encrypted, repeated or huge.
-
-    Raises ToktError if one is, or it is no zip.
+    """A zip's members; ToktError if it is none, or one is compressed, encrypted, repeated or huge.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -425,9 +423,7 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
 def arrays_of(
     members: Mapping[str, bytes], wanted: Mapping[str, type], where: str
 ) -> dict[str, Any]:
-    """The arrays in npy files, by name, of just the names and dtypes expected.
-
-    Raises ToktError if they are others, or one is no plain array.
+    """The arrays in npy files, by name; ToktError if they are not of just these names and dtypes.
     """
     try:
         # numpy warns of headers as Python 2 wrote them, and of shapes beyond any number.
@@ -663,8 +659,5 @@ def bundle_file_bytes(path: Path | str) -> bytes:
 
 
 def read_bundle(path: Path | str) -> Bundle:
-    """Read a bundle file and check it whole; see `bundle_from_bytes`.
-
-    Raises ToktError if it is not there or fails any check.
-    """
+    """Read a bundle file and check it whole, as `bundle_from_bytes`; ToktError if it fails."""
     return bundle_from_bytes(bundle_file_bytes(path), str(path))

@@ -50,10 +50,7 @@ class Signature:
 
 
 def signature_from_bytes(data: bytes, where: str) -> Signature:
-    """Read a ``signature.json``.
-
-    Raises ToktError if it is none, is of a newer format, or was made with another algorithm.
-    """
+    """Read a ``signature.json``; ToktError if it is none, newer, or made with another algorithm."""
     damaged = ToktError(f"{where}: the signature is damaged")
     if len(data) > _MAX_BYTES:
         raise damaged

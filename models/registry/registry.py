@@ -193,7 +193,8 @@ class Registry:
     reading never does. Where `workspace` holds a copy of a database, `files_of` is the one whose
     artifacts are meant.
 
-    Raises ToktError if there is no registry and none is to be made, or it cannot be reached.
+    Raises ToktError if there is no registry and none is to be made; so does each method if the
+    registry cannot be reached, read or written.
     """
 
     def __init__(
@@ -236,10 +237,7 @@ class Registry:
             raise ToktError(without_credentials(line)) from error
 
     def experiment_id(self) -> str:
-        """The id of the experiment that tokt's runs go to; created when missing.
-
-        Raises ToktError if the registry cannot be reached or written.
-        """
+        """The id of the experiment that tokt's runs go to; created when missing."""
         # A server has a place for artifacts; a database alone has none.
         location = self._artifacts.as_uri() if _dialect(self.uri) in DATABASE_ENGINES else None
         with self.reported():
@@ -312,10 +310,7 @@ class Registry:
             self.client.set_model_version_tag(version.name, version.version, key, value)
 
     def versions(self, name: str | None = None) -> list[RegisteredVersion]:
-        """Every version that is its `own`, or those of one model, by name, newest first.
-
-        Raises ToktError if the registry cannot be read.
-        """
+        """Every version that is its `own`, or those of one model, by name, newest first."""
         wanted = None if name is None else f"name = '{name}'"
         found: list[RegisteredVersion] = []
         token: str | None = None
@@ -330,10 +325,7 @@ class Registry:
         return sorted(found, key=lambda item: (item.name, -int(item.version)))
 
     def find(self, reference: str) -> RegisteredVersion:
-        """The version behind ``name`` (its newest), ``name@alias`` or ``name/version``.
-
-        Raises ToktError if there is no such model, alias or version.
-        """
+        """The version of ``name`` (newest), ``name@alias`` or ``name/version``, or ToktError."""
         match = re.fullmatch(r"([^@/]+)(?:@([^@/]+)|/(\d+))?", reference)
         if match is None:
             raise ToktError(f"not a model: {reference!r} (write NAME, NAME@ALIAS or NAME/VERSION)")
@@ -363,10 +355,7 @@ class Registry:
                 self._artifact(version, name, _MAX_TABLE_BYTES)
 
     def recipe(self, version: RegisteredVersion) -> dict[str, Any]:
-        """The run's ``recipe.json``: all of a model but its weights.
-
-        Raises ToktError if it is missing, or a newer tokt wrote it.
-        """
+        """The run's ``recipe.json``, all but weights; ToktError if missing, or a newer tokt's."""
         try:
             recipe = printable_json(self._artifact(version, "recipe.json"))
             written = recipe.get("recipe_version")

@@ -46,10 +46,7 @@ class PublicKey:
         return hashlib.sha256(self.raw).hexdigest()[:KEY_ID_DIGITS]
 
     def signed(self, manifest: bytes, signature: Signature) -> bool:
-        """Whether the signature is this key's, of this manifest.
-
-        Raises ToktError if the package cryptography is not there.
-        """
+        """Whether the signature is this key's, of this manifest; ToktError without cryptography."""
         return self.made(signature, signed_message(manifest))
 
     def made(self, signature: Signature, message: bytes) -> bool:

@@ -25,10 +25,7 @@ def signing_key(file: Path | str | None) -> SigningKey | None:
 
 
 def asked_passphrase(whose: str, *, new: bool) -> str:
-    """The passphrase that the environment has, or that the user types; a new one is typed twice.
-
-    Raises ToktError if there is none.
-    """
+    """The passphrase of the environment, or typed, a new one twice; ToktError if there is none."""
     found = os.environ.get(PASSPHRASE_VARIABLE, "")
     if not found and sys.stdin.isatty():
         from getpass import getpass

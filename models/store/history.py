@@ -57,10 +57,7 @@ class DamagedError(ToktError):
 
 
 def activation_from_bytes(text: bytes, where: str) -> Activation:
-    """Read an entry.
-
-    DamagedError if it is none, another ToktError if a newer tokt wrote it.
-    """
+    """Read an entry; DamagedError if it is none, another ToktError if a newer tokt wrote it."""
     damaged = DamagedError(f"{where} is damaged (the next deployment sets it aside)")
     try:
         value = printable_json(text)

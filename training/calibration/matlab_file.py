@@ -37,9 +37,7 @@ _DAMAGED = (
 
 
 def read_matlab_numbers(path: Path | str) -> CalibrationNumbers:
-    """`matlab_numbers` in a process of its own: scipy crashes on some damaged files.
-
-    Raises ToktError as `matlab_numbers`, and where scipy crashes.
+    """`matlab_numbers` in a process of its own, as scipy crashes on some files: a ToktError, too.
     """
     path = Path(path)
     context = get_context("spawn")

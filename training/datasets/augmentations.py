@@ -54,10 +54,7 @@ def augment(frame: U8, name: str) -> U8:
 
 
 def parse_augmentation(name: str) -> tuple[str, float]:
-    """The kind and the strength that an augmentation's name says.
-
-    Raises ToktError if there is no such augmentation.
-    """
+    """The kind and the strength that an augmentation's name says; ToktError if there is none."""
     kind, _, text = name.partition("_")
     # Not all that `float` reads: one augmentation has one name.
     value = float(text) if re.fullmatch(r"\d{1,3}(\.\d{1,3})?", text, re.ASCII) else math.nan

@@ -332,10 +332,7 @@ def list_datasets(root: Path) -> list[DatasetVersion]:
 
 
 def open_dataset(reference: str, root: Path) -> DatasetVersion:
-    """The dataset behind ``NAME`` (its latest version) or ``NAME@HASH`` (a prefix will do).
-
-    Raises ToktError if there is none, or the prefix fits several.
-    """
+    """The dataset ``NAME`` (its latest) or ``NAME@HASH`` (a prefix will do), or ToktError."""
     name, _, prefix = reference.partition("@")
     home = root / name
     if not prefix:

@@ -217,10 +217,7 @@ def dive_weights(dives: I64) -> F64:
 
 
 def sites_named(texts: Sequence[str], missions: Sequence[str]) -> dict[str, str]:
-    """Site by mission, from texts such as ``basin=a,b``.
-
-    Raises ToktError if a text is none, or a mission is not there or in two sites.
-    """
+    """Site by mission, from texts such as ``basin=a,b``; ToktError if they cannot be meant."""
     sites: dict[str, str] = {}
     for text in texts:
         site, _, listed = text.partition("=")

@@ -83,10 +83,7 @@ NOTHING_STATED = AtSea()
 
 
 def logged_distances(path: Path) -> dict[int, LoggedDistance]:
-    """Distances and times of the frames of a log's last run.
-
-    Raises ToktError if it cannot be read, or has no distance.
-    """
+    """Distances and times of the frames of a log's last run; ToktError if it has none."""
     found = {}
     for one in open_run(path).frames():
         metres = one.verdict["distance_m"]

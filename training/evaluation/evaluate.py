@@ -88,10 +88,7 @@ def score_mission(
 
 
 def unjudged_values(bundle: Bundle, image: U8, number: int) -> F64:
-    """What the model says of the patches of a frame that the runtime calls unknown.
-
-    Raises ToktError if they cannot be described.
-    """
+    """What the model says of an unknown frame's patches; ToktError if they cannot be described."""
     try:
         return bundle.values_alone(bundle.features(image))
     except (ToktError, ValueError) as error:

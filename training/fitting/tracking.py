@@ -354,10 +354,7 @@ def log_and_register(
 
 
 def log_adaptation(found: dict[str, Any], registered: RegisteredVersion, registry: Registry) -> str:
-    """Keep what `adaptation` found with the version's run; the same as an HTML page.
-
-    Raises ToktError if the registry cannot be reached or written.
-    """
+    """Keep what `adaptation` found with the version's run; the same as an HTML page."""
     page = report_page(__package__ or "", found=found, label=registered.label)
     with registry.reported():
         registry.client.log_dict(registered.run_id, found, "tokt/adaptation.json")

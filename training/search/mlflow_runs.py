@@ -70,10 +70,7 @@ class SearchRuns:
         )
 
     def log(self, trial: Trial, finished: Finished) -> None:
-        """Log a finished trial as a child run, unless that was done.
-
-        Raises ToktError if the registry cannot be reached or written.
-        """
+        """Log a finished trial as a child run, unless that was done."""
         known = self._known.get(trial.id)
         if known is not None and known.info.status == _FINISHED:
             return

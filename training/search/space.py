@@ -72,10 +72,7 @@ class Space:
 
 
 def read_space(path: Path = BUILT_IN) -> Space:
-    """Read a space file.
-
-    Raises ToktError if it cannot be read, or anything in it is unknown, missing or given twice.
-    """
+    """Read a space file; ToktError if anything in it is unknown, missing or given twice."""
     try:
         content = tomllib.loads(path.read_text("utf-8"))
     except OSError as error:

@@ -223,10 +223,7 @@ class CameraSource:
         self._last_at = math.nan
 
     def start(self) -> None:
-        """Open the cameras.
-
-        ToktError if one cannot be opened or set, or hangs, unless they are to be waited for.
-        """
+        """Open the cameras; ToktError if one fails or hangs, unless they are to be waited for."""
         self._begun = True
         with ExitStack() as undo:
             # An interrupt while a camera opens closes it as well: its library's thread would go

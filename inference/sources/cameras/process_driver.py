@@ -53,10 +53,7 @@ class ProcessDriver:
         self.failures = 0
 
     def start(self, deliver: Deliver) -> None:
-        """Start the camera's process, and wait until it sends.
-
-        ToktError if it is not there, cannot be set as asked, or does not answer in time.
-        """
+        """Start the camera's process, wait until it sends; ToktError if it does not, as asked."""
         self.stop()
         self._lost = ""
         try:

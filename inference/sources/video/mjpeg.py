@@ -97,10 +97,7 @@ class Parts:
         self._looked = 0
 
     def feed(self, data: bytes) -> list[tuple[float | None, bytes]]:
-        """Take what has come; the parts that are complete by it.
-
-        StreamLostError if one does not end.
-        """
+        """Take what has come; the parts complete by it. StreamLostError if one does not end."""
         self._buffer += data
         parts = list(iter(self._part, None))
         if len(self._buffer) > _MAX_BYTES:

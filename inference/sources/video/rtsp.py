@@ -91,10 +91,7 @@ class _Udp(_Packets, UDPTransport):  # type: ignore[misc]
 
 
 def read_rtsp(address: VideoAddress, newest: NewestReading) -> None:
-    """Play an RTSP address until stopped.
-
-    StreamLostError if the server cannot be reached, refuses, or sends no more.
-    """
+    """Play an address until stopped; StreamLostError if the server refuses, or sends no more."""
     try:
         asyncio.run(_played(address, newest))
     except RTSPResponseError as error:

@@ -41,10 +41,7 @@ class Audits:
         return [path.stem for path in audit_files(self._workspace)]
 
     def audit(self, name: str) -> Audit:
-        """The audit of that name.
-
-        Raises ToktError if its file is damaged or of a newer format; KeyError if there is none.
-        """
+        """The audit of that name, or KeyError; ToktError if its file is damaged or newer."""
         path = {path.stem: path for path in audit_files(self._workspace)}[name]
         found = path.stat()
         stamp = found.st_mtime_ns, found.st_size

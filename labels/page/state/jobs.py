@@ -57,9 +57,7 @@ class Jobs:
         self._process: subprocess.Popen[str] | None = None
 
     def start(self, what: str, commands: Sequence[Sequence[str]], then: Callable[[], None]) -> None:
-        """Run commands of `tokt`, then call `then`, in a thread.
-
-        Raises ToktError if a job is running already.
+        """Run commands of `tokt` in a thread, then call `then`; ToktError while another job runs.
         """
         with self._lock:
             if self.last is not None and self.last.state == RUNNING:

@@ -69,10 +69,7 @@ class Ranked:
 def rank(
     features: FrameFeatures, cells_by_class: Mapping[str, Sequence[CellName]], label: str
 ) -> Ranked:
-    """Rank the patches of a label among all labelled ones by how they look.
-
-    Raises ToktError if scikit-learn is not installed.
-    """
+    """Rank a label's patches by how they look among all; ToktError without scikit-learn."""
     located = {name: features.locate(cells) for name, cells in cells_by_class.items()}
     known = features.snapshot()
     own = located.get(label, features.locate([]))

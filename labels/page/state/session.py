@@ -94,10 +94,7 @@ class Session:
         return self.board.grid
 
     def refresh(self) -> None:
-        """Bring the board up to date and tell all pages what changed.
-
-        Raises ToktError if the store cannot be read.
-        """
+        """Bring the board up to date and tell all pages; ToktError if the store cannot be read."""
         # Within one lock, so that pages hear of events in their order.
         with self._refreshing:
             self.settings = self.store.settings(self.mission.name)
@@ -140,10 +137,7 @@ class Session:
         self.live.publish()
 
     def use_model(self, bundle: Bundle) -> None:
-        """Suggest what another model says, and tell all pages.
-
-        Raises ToktError if the model looks at frames through another grid.
-        """
+        """Suggest what another model says, and tell all pages; ToktError if its grid differs."""
         workspace = self.store.path.parent
         fresh = Suggester(bundle, self.mission, self.grid, workspace / CACHE)
         before, self.suggester = self.suggester, fresh

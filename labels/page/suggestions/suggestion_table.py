@@ -42,10 +42,7 @@ class MissionSuggestions:
 
 
 class SuggestionTable:
-    """Suggestions of all frames of a mission, as far as they are known. Not for several threads.
-
-    A frame has `n_patches` patches, and a patch `dim` features.
-    """
+    """Suggestions of a mission's frames, as far as they are known. Not for several threads."""
 
     def __init__(self, mission: Mission, n_patches: int, dim: int) -> None:
         every = [(camera, frame) for camera in mission.cameras for frame in mission.frames(camera)]

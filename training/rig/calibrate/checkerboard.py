@@ -80,10 +80,7 @@ class BoardCalibration:
 
 
 def parse_board(text: str) -> tuple[int, int]:
-    """Read the number of inner corners along a board's two sides, as ``9x6``.
-
-    Raises ToktError if it is not two numbers from 3 to 50.
-    """
+    """The inner corners along a board's two sides, as ``9x6``; ToktError unless from 3 to 50."""
     match = re.fullmatch(r"\s*(\d{1,2})\s*[xX]\s*(\d{1,2})\s*", text)
     if match is None or not all(int(side) in _SIDE for side in match.groups()):
         raise ToktError(f"a board is given by its inner corners, as 9x6, not as {text!r}")

@@ -25,10 +25,7 @@ MAX_FRAMES = 100
 
 
 def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list[int]:
-    """Frames that both cameras have, or the wanted ones of these.
-
-    Raises ToktError if there is none.
-    """
+    """Frames that both cameras have, or the wanted ones of these; ToktError if there is none."""
     both = sorted(set(mission.frames(LEFT)) & set(mission.frames(RIGHT)))
     if not both:
         raise ToktError(f"mission {mission.path} has no frames of two cameras (Left/ and Right/)")
@@ -41,10 +38,7 @@ def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list
 
 
 def frame_size(mission: Mission) -> tuple[int, int]:
-    """Width and height of the first left frame that can be read.
-
-    Raises ToktError if none can.
-    """
+    """Width and height of the first left frame that can be read; ToktError if none can."""
     why = ""
     for frame in mission.frames(LEFT):
         try:

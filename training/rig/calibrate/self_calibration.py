@@ -40,10 +40,7 @@ class StartingRig:
 
 
 def parse_free(text: str) -> tuple[str, ...]:
-    """Read ``k1,k2,focal,principal``, or ``none``.
-
-    Raises ToktError if a name is none of these.
-    """
+    """Read ``k1,k2,focal,principal``, or ``none``; ToktError if a name is none of these."""
     if text.strip() == "none":
         return ()
     names: list[str] = []

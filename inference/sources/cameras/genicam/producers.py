@@ -70,10 +70,7 @@ class Listing:
     complaints: tuple[str, ...]  # what could not be loaded or opened, and why
 
     def camera(self, text: str) -> ListedCamera:
-        """The camera that a user calls so: its ID, serial number or name, or its index here.
-
-        ToktError if it is none or several of them.
-        """
+        """The camera of this ID, serial number, name or index; ToktError if none or several are."""
         for key in _KEYS:
             found = [camera for camera in self.cameras if key(camera) == text]
             if len(found) > 1:
@@ -220,10 +217,7 @@ NAME = "genicam cameras"
 
 
 def genicam_finding() -> Finding:
-    """The GenICam cameras that there are, or what is missing.
-
-    Looked for in another process: producers are native code of the vendors.
-    """
+    """The GenICam cameras there are, as another process finds them, or what is missing."""
     try:
         harvesters = f"harvesters {version('harvesters')} with genicam {version('genicam')}"
     except PackageNotFoundError as error:

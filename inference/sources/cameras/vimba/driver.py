@@ -162,10 +162,7 @@ class VimbaDriver:
         self.failures = 0
 
     def start(self, deliver: Deliver) -> None:
-        """Open the camera, set it and let it send.
-
-        ToktError if it is not there, is refused or cannot be set as asked.
-        """
+        """Open the camera, set it and let it send; ToktError if it is not there, or refuses."""
         self.system.enter()
         try:
             self._id = self._id or self.system.camera_id(self.name)

@@ -55,10 +55,7 @@ class VimbaFeatures:
         return least + (min(max(round(value), least), most) - least) // step * step
 
     def demand(self, what: str, value: Any, *names: str) -> None:
-        """Set what the user asked for.
-
-        ToktError if the camera has none of these, or refuses the value.
-        """
+        """Set what the user asked for; ToktError if the camera has none of these, or refuses."""
         name = self.first(*names)
         if name is None:
             raise ToktError(f"camera {self.name} has no {' or '.join(names)}: no {what} to set")

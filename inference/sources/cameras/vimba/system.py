@@ -66,10 +66,7 @@ class VimbaSystem:
         self._vimba: Any = None
 
     def enter(self) -> None:
-        """Start the API unless it is, and look which cameras are there now.
-
-        ToktError if it does not start.
-        """
+        """Start the API unless it is, and look for cameras; ToktError if it does not start."""
         with self._lock:
             try:
                 if self._users == 0:
@@ -114,10 +111,7 @@ class VimbaSystem:
         return False
 
     def open(self, camera_id: str) -> Any:
-        """Open a camera, as a new object: one that was lost may not be used again.
-
-        ToktError if it does not open.
-        """
+        """Open a camera anew: one that was lost may be of no use; ToktError if it does not open."""
         try:
             return self._opened(camera_id)
         except self.errors as error:
