@@ -166,8 +166,7 @@ class Taxonomy:
 
 
 def load_taxonomy(workspace: Path | None = None, file: Path | None = None) -> Taxonomy:
-    """The taxonomy of `file`, else the workspace's, else the packaged one; ToktError if unusable.
-    """
+    """The taxonomy of `file`, or the workspace's, or the packaged one; ToktError if unusable."""
     if file is None and workspace is not None and (workspace / FILE_NAME).is_file():
         file = workspace / FILE_NAME
     return Taxonomy.load(file)

@@ -31,8 +31,7 @@ _ADDRESS = re.compile(r"(?:\[([^\]]+)\]|([^:\s]+)):(\d{1,5})")
 
 
 def parse_address(text: str) -> tuple[str, int]:
-    """Read ``HOST:PORT`` or ``[IPV6]:PORT``; ToktError if it is neither, or has no port 1..65535.
-    """
+    """Read ``HOST:PORT`` or ``[IPV6]:PORT``; ToktError if it is neither, or no port 1..65535."""
     match = _ADDRESS.fullmatch(text.strip())
     if match is None or not 1 <= int(match[3]) <= 65535:
         raise ToktError(f"not an address: {text!r} (write HOST:PORT, for example 127.0.0.1:1130)")

@@ -386,8 +386,7 @@ def model_named(place: Path) -> Bundle:
 
 
 def model_of(name: ModelName, place: Path | None) -> Bundle:
-    """The model of this name, of a bundle file or store; ToktError if it is gone or fails a check.
-    """
+    """The model of this name, of a bundle file or store; ToktError if it is gone or unsound."""
     if place is None:
         raise ToktError(f"the log does not say where model {name.label} is (--store STORE)")
     if place.is_dir():

@@ -157,8 +157,7 @@ def _fault(side: str, picture: U8 | None) -> Fault:
 
 
 def _header(line: bytes, where: str) -> tuple[Any, float, int, list[Any]]:
-    """A frame's number, time, those missed before, its pictures' shapes; ToktError if it is none.
-    """
+    """A frame's number, time, those missed before, its pictures' shapes, or ToktError."""
     refused = ToktError(f"{where} sends no frames: {line[:60].decode('ascii', 'replace')!r}")
     try:
         header = json.loads(line)

@@ -325,8 +325,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
 
 
 def unzip(data: bytes, where: str) -> dict[str, bytes]:
-    """A zip's members; ToktError if it is none, or one is compressed, encrypted, repeated or huge.
-    """
+    """A zip's members; ToktError if it is none, or one is packed, encrypted, repeated or huge."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = archive.infolist()
@@ -423,8 +422,7 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
 def arrays_of(
     members: Mapping[str, bytes], wanted: Mapping[str, type], where: str
 ) -> dict[str, Any]:
-    """The arrays in npy files, by name; ToktError if they are not of just these names and dtypes.
-    """
+    """The arrays in npy files, by name; ToktError if names and dtypes are not just these."""
     try:
         # numpy warns of headers as Python 2 wrote them, and of shapes beyond any number.
         with warnings.catch_warnings(action="error", category=Warning):

@@ -37,8 +37,7 @@ _DAMAGED = (
 
 
 def read_matlab_numbers(path: Path | str) -> CalibrationNumbers:
-    """`matlab_numbers` in a process of its own, as scipy crashes on some files: a ToktError, too.
-    """
+    """`matlab_numbers` in a process of its own: scipy crashes on some files, a ToktError, too."""
     path = Path(path)
     context = get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context, initializer=_limit_memory) as child:

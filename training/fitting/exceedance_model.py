@@ -48,8 +48,7 @@ class ExceedanceModel:
     blocks: int
 
     def margin(self, confidence: float) -> float:
-        """The margin that is enough with this confidence (0.5: best estimate), were the law right.
-        """
+        """The margin that is enough with this confidence (0.5: best estimate) by the law."""
         steps = stats.t.ppf(confidence, self.blocks - 1)
         return float(self.quantile + steps * self.standard_error)
 

@@ -57,8 +57,7 @@ class Jobs:
         self._process: subprocess.Popen[str] | None = None
 
     def start(self, what: str, commands: Sequence[Sequence[str]], then: Callable[[], None]) -> None:
-        """Run commands of `tokt` in a thread, then call `then`; ToktError while another job runs.
-        """
+        """Run commands of `tokt` in a thread, then `then`; ToktError while another job runs."""
         with self._lock:
             if self.last is not None and self.last.state == RUNNING:
                 raise ToktError("a job is running already: wait for it, or cancel it")
