@@ -52,24 +52,13 @@ def agreement(
 ) -> Agreement:
     """Compare the labels of annotator A with those of annotator B.
 
-    Parameters
-    ----------
-    a_records, b_records : iterable of LabelRecord
-        One annotator's labels each; model suggestions among them are left out.
-    taxonomy : Taxonomy
-        Says which class is an obstacle.
+    Model suggestions among them are left out. The taxonomy says which class is an obstacle. Kappa
+    is Cohen's (A coefficient of agreement for nominal scales, Educational and Psychological
+    Measurement 20, 1960); the positive agreement is that of Cicchetti and Feinstein (High agreement
+    but low kappa II, Journal of Clinical Epidemiology 43, 1990).
 
-    Raises
-    ------
-    ToktError
-        If a patch is labelled twice on one side, no patch is labelled on both, or scikit-learn is
-        not installed.
-
-    References
-    ----------
-    J. Cohen, A coefficient of agreement for nominal scales, Educational and Psychological
-    Measurement 20 (1960); the positive agreement is that of Cicchetti and Feinstein, High
-    agreement but low kappa II, Journal of Clinical Epidemiology 43 (1990).
+    Raises ToktError if a patch is labelled twice on one side, no patch is labelled on both, or
+    scikit-learn is not installed.
     """
     a, b = _by_cell(a_records), _by_cell(b_records)
     pairs = Counter((label, b[cell]) for cell, label in a.items() if cell in b)

@@ -18,8 +18,6 @@ class NystroemMap:
     ``exp(-gamma |z - landmark|^2)`` to each landmark. The square root of the landmarks' own kernel
     is folded into the linear model's weights.
 
-    References
-    ----------
     Williams, Seeger (2001), "Using the Nystroem method to speed up kernel machines", NIPS;
     `sklearn.kernel_approximation.Nystroem`.
     """

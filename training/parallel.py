@@ -50,24 +50,15 @@ def mapped(
     Tasks are taken from `tasks` as they are needed, at most 128 a process ahead of the results, so
     that millions of them need not be in memory. What a task raises is raised here.
 
-    Parameters
-    ----------
-    function : callable
-        Takes one task. Of a module (no lambda, no nested function), so that it can be pickled;
-        what it returns depends on its task alone.
-    tasks : iterable
-        Each can be pickled. Paths in them must hold on every worker.
-    jobs : int
-        Processes on this machine: -1 for one a core, 1 for this process alone. Not used with
-        `dask`.
-    dask : str, optional
-        Address of a dask scheduler, as ``tcp://10.0.0.5:8786`` (extra ``cluster``).
+    The function takes one task. It is of a module (no lambda, no nested function) and the tasks are
+    such that both can be pickled; what it returns depends on its task alone. Paths in tasks must
+    hold on every worker.
 
-    Raises
-    ------
-    ToktError
-        If the scheduler cannot be reached within seconds, has no worker, is lost, or a worker
-        runs another tokt.
+    `jobs` are processes on this machine: -1 for one a core, 1 for this process alone. Instead of
+    them `dask` is the address of a scheduler, as ``tcp://10.0.0.5:8786`` (extra ``cluster``).
+
+    Raises ToktError if the scheduler cannot be reached within seconds, has no worker, is lost, or a
+    worker runs another tokt.
     """
     if dask is not None:
         return _on_cluster(function, tasks, dask)

@@ -272,8 +272,6 @@ _NO_EDGE = 0.25  # squared levels that count as no edge at all: the logarithm of
 class Structure(OnePicture):
     """The structure tensor of each patch: its eigenvalues' logarithms, and its coherence.
 
-    References
-    ----------
     Bigun, Granlund (1987), "Optimal orientation detection of linear symmetry", ICCV.
     """
 

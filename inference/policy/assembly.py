@@ -112,29 +112,17 @@ def assemble(
 ) -> Assembly:
     """Assemble the policy of that name.
 
-    Parameters
-    ----------
-    name : {"texture", "disparity", "either", "fallback"}
-    load_model : callable, optional
-        Loads the model, or raises ToktError. Only policy ``fallback`` goes on when it does, and
-        only with a calibration: every verdict's health then says why there is no model.
-    stereo : StereoSetup, optional
-        What disparity needs.
-    threads : int
-        How many threads share one frame's rows of patches; verdicts do not depend on it.
-    stopwatch : Stopwatch
-        What a policy measures lateness with.
-    anchor : Anchor, optional
-        What is to be held in the picture.
-    moving : {"near", "all", "none"}, optional
-        Which of the things that move by themselves are avoided. With None neither they nor sediment
-        are looked for, as in the logs of an older tokt.
+    `load_model` loads the model, or raises ToktError. Only policy ``fallback`` goes on when it
+    does, and only with a calibration: every verdict's health then says why there is no model.
+    `stereo` is what disparity needs, `anchor` what is to be held in the picture, and `stopwatch`
+    what lateness is measured with. Verdicts do not depend on `threads`, which share one frame's
+    rows of patches.
 
-    Raises
-    ------
-    ToktError
-        If the policy is not known, lacks its model or its calibration, or has no use for one, or
-        there is not at least one thread.
+    `moving` says which of the things that move by themselves are avoided: ``near``, ``all`` or
+    ``none``. With None neither they nor sediment are looked for, as in the logs of an older tokt.
+
+    Raises ToktError if the policy is not known, lacks its model or its calibration, or has no use
+    for one, or there is not at least one thread.
     """
     _check(name, load_model is not None, stereo is not None, threads)
     if moving not in (None, *MOVING):

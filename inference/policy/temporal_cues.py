@@ -201,18 +201,11 @@ class TrendEstimator:
         self._last_s = self._seen_s = -math.inf
 
     def add(self, t_s: float, mean: float | None, whole: bool = True) -> Trend:
-        """Take the mean at one moment.
+        """Take the mean of the 0/255 mask, 0..255, at one moment, in seconds of any even clock.
 
-        Parameters
-        ----------
-        t_s : float
-            Moment of capture in seconds, of any clock that goes evenly.
-        mean : float or None
-            Mean of the 0/255 mask, 0..255; None where nothing could be judged. Such a frame, and
-            one in which nothing is seen, has no trend itself and leaves the means before it
-            standing for `GAP_S`.
-        whole : bool
-            Whether what is seen lies wholly in the picture.
+        It is None where nothing could be judged. Such a frame, and one in which nothing is seen,
+        has no trend itself and leaves the means before it standing for `GAP_S`. `whole` is whether
+        what is seen lies wholly in the picture.
         """
         # Written so that what is not a number is no time, and no mean that was seen.
         timed = abs(t_s) < END_S

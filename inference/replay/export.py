@@ -36,23 +36,12 @@ def export_log(
 ) -> Exported:
     """Write a log's frames, heartbeats and events, over its older files, as another file.
 
-    Parameters
-    ----------
-    log : Path
-        A log, or the folder of a recording.
-    target : Path
-        Ends in ``.csv`` (frames and heartbeats) or ``.mcap``; appears whole or not at all.
-    run : str, optional
-        Its id; by default all runs.
-    source, store : Path, optional
-        Where the pictures and models of all runs are. Default: where each had them from.
-    watch : callable
-        Gets the lines and their number, and yields them: shows progress.
+    `log` may be the folder of a recording. `target` ends in ``.csv`` (frames and heartbeats) or
+    ``.mcap``, and appears whole or not at all. Without `run`, a run's id, all are written; without
+    `source` and `store` their pictures and models are those that each had. `watch` gets the lines
+    and their number, and yields them: it shows progress.
 
-    Raises
-    ------
-    ToktError
-        If the log cannot be read, `target` cannot be written, or a library is missing.
+    Raises ToktError if the log cannot be read, `target` cannot be written, or a library is missing.
     """
     kind = target.suffix.lower()
     if kind not in (CSV, MCAP):

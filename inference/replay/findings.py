@@ -127,19 +127,11 @@ def find(
 ) -> list[InspectionFinding]:
     """The findings of one run, along its track.
 
-    Parameters
-    ----------
-    classes : sequence of str, optional
-        Classes that are looked for. By default those in at most `RARE_SHARE` of the frames.
-    ahead_m : float
-        How far ahead of the vehicle's position the picture's middle looks, in metres.
-    min_frames, min_patches : int
-        Frames in which a thing must be seen, and patches that it has in its best frame.
+    Looked for are `classes`, by default those in at most `RARE_SHARE` of the frames. The picture's
+    middle looks `ahead_m` metres ahead of the vehicle's position. A thing must be seen in
+    `min_frames` frames, and have `min_patches` patches in its best one.
 
-    Raises
-    ------
-    ToktError
-        If the models do not know a class.
+    Raises ToktError if the models do not know a class.
     """
     wanted = rare_classes(track) if classes is None else tuple(classes)
     if unknown := [name for name in wanted if name not in track.classes]:

@@ -21,27 +21,15 @@ _NOT_READ = Fault(Reason.MISSING, "not read")
 class MissionSource:
     """Replay a mission from disk: a stereo folder, a flat folder or a video.
 
-    Parameters
-    ----------
-    mission : Mission
-    clock : Clock
-    frames : sequence of int, optional
-        Which frames to deliver; by default every number that one of the cameras has, so that a
-        frame missing on the left is one that cannot be judged, and not one that never was.
-    rate : float, optional
-        Frames per second. A frame is due at a fixed time after the first, so a late one delays
-        none after it; without a rate each frame comes as soon as it is asked for.
-    stereo : bool
-        Whether to read the right camera's frames as well.
-    pixel_format : str, optional
-        One of `MOSAIC_FORMATS`: the images are gray and hold a camera's raw pixels in it. By
-        default they are pictures.
+    Delivered are `frames`, by default every number that one of the cameras has, so that a frame
+    missing on the left is one that cannot be judged, and not one that never was. With a rate, in
+    frames per second, a frame is due at a fixed time after the first, so a late one delays none
+    after it; without one each frame comes as soon as it is asked for. With `stereo` the right
+    camera's frames are read as well. With `pixel_format`, one of `MOSAIC_FORMATS`, the images are
+    gray and hold a camera's raw pixels in it.
 
-    Raises
-    ------
-    ToktError
-        If the rate is not positive, a chosen frame is not in the mission, or the pixel format is
-        not one of those.
+    Raises ToktError if the rate is not positive, a chosen frame is not in the mission, or the pixel
+    format is not one of those.
     """
 
     mission: Mission

@@ -175,17 +175,10 @@ def checked_numbers(
 ) -> CalibrationNumbers:
     """Put what was read into arrays of the right shape.
 
-    Parameters
-    ----------
-    values : mapping
-        K1 D1 K2 D2 R T_mm, perhaps R1 R2; R may be a rotation vector in radians.
-    frame_size : two numbers, or None
-        Width and height.
+    `values` are K1 D1 K2 D2 R T_mm, perhaps R1 R2; R may be a rotation vector in radians.
+    `frame_size` is width and height, or None.
 
-    Raises
-    ------
-    ToktError
-        If a part is missing, has another shape, or holds a number that is not finite.
+    Raises ToktError if a part is missing, has another shape, or holds a number that is not finite.
     """
     missing = [name for name in PARTS if values.get(name) is None]
     if missing:

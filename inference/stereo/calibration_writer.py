@@ -25,25 +25,15 @@ _MAX_NOTE = 2000
 def write_calibration(
     path: Path | str, calibration: StereoCalibration, notes: Mapping[str, str] | None = None
 ) -> None:
-    """Write an OpenCV FileStorage, whole or not at all.
+    """Write an OpenCV FileStorage (.yml, .yaml, .json or .xml), whole or not at all.
 
-    Parameters
-    ----------
-    path : Path
-        Ends in .yml, .yaml, .json or .xml.
-    calibration : StereoCalibration
-        Written as K1 D1 K2 D2 R T_mm image_width image_height, with the R1 and R2 that
-        ``cv2.stereoRectify`` derives from them, and ``format_version``.
-    notes : mapping of str to str
-        How it was made: written under ``provenance``, for people. Keys are words of letters,
-        digits and underscores; line breaks become spaces, quotes around it are left out.
+    It holds K1 D1 K2 D2 R T_mm image_width image_height, the R1 and R2 that ``cv2.stereoRectify``
+    derives from them, and ``format_version``. `notes` say how it was made: they are written under
+    ``provenance``, for people. Keys are words of letters, digits and underscores; line breaks
+    become spaces, quotes around it are left out.
 
-    Raises
-    ------
-    ToktError
-        If the name ends otherwise.
-    ValueError
-        If a note's key is no word, or its text is longer than 2000 characters.
+    Raises ToktError if the name ends otherwise; ValueError if a note's key is no word, or its text
+    is longer than 2000 characters.
     """
     path = Path(path)
     kind = _KINDS.get(path.suffix.lower())

@@ -46,22 +46,17 @@ class Observation(NamedTuple):
 
 @dataclass(eq=False)
 class DisparityDetector:
-    """Judge stereo pairs.
+    """Judge stereo pairs, those of one run in their order.
 
-    Raises
-    ------
-    ToktError
-        If by the calibration most of the left frame is out of view or not seen by the right
-        camera, or there is no such matcher.
+    The drift correction, the check for a frozen camera, faint matches and the closing speed come
+    from the pairs before.
 
-    Notes
-    -----
-    It judges the pairs of one run in their order: the drift correction, the check for a frozen
-    camera, faint matches and the closing speed come from those before.
-
-    The mask is in the *unrectified* left frame resized to the grid's width: positions are those
-    of the picture that the texture detector and the pilot see. Blind at the left edge are as many
+    The mask is in the *unrectified* left frame resized to the grid's width: positions are those of
+    the picture that the texture detector and the pilot see. Blind at the left edge are as many
     pixels as the disparity of what is there, since the right camera does not see them.
+
+    Raises ToktError if by the calibration most of the left frame is out of view or not seen by the
+    right camera, or there is no such matcher.
     """
 
     calibration: StereoCalibration

@@ -217,16 +217,13 @@ def _turn(x_px: NDArray[Any], higher_px: NDArray[Any]) -> tuple[float, float]:
 class EpipolarDriftCorrection:
     """Follow the row offset of a pair of cameras over a dive, slowly and within a limit.
 
-    A pair moves it only where its matches agree (`MAX_SPREAD_PX`, `MIN_AGREEING`, not turned)
-    and the last accepted pairs agree among themselves: a wrong right frame, or a camera out of
-    step, leaves it where it is. Memory is `REMEMBERED_PAIRS` numbers.
+    A pair moves it only where its matches agree (`MAX_SPREAD_PX`, `MIN_AGREEING`, not turned) and
+    the last accepted pairs agree among themselves: a wrong right frame, or a camera out of step,
+    leaves it where it is. Memory is `REMEMBERED_PAIRS` numbers.
 
-    Notes
-    -----
-    It follows whatever is constant. While a camera is out of step *and* the vehicle rises or
-    sinks evenly, the offset that this makes is constant too, and is corrected as long as it lasts.
-    When the motion changes the offsets no longer agree: `tokt.inference.stereo.pair_health` tells
-    it.
+    It follows whatever is constant. While a camera is out of step *and* the vehicle rises or sinks
+    evenly, the offset that this makes is constant too, and is corrected as long as it lasts. When
+    the motion changes the offsets no longer agree: `tokt.inference.stereo.pair_health` tells it.
     """
 
     def __init__(self) -> None:

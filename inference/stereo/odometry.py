@@ -63,18 +63,12 @@ Odometry = Mapping[int, Pose]
 def load_odometry(path: Path | str) -> Odometry:
     """Read an odometry file.
 
-    Parameters
-    ----------
-    path : Path
-        CSV with the columns ``frame,t,x_m,y_m,z_m,qw,qx,qy,qz``: the pose of the left camera, x
-        right, y down and z forward, in any frame that does not move. The quaternion turns the
-        camera's axes into the fixed ones. Frames may be left out.
+    It is CSV with the columns ``frame,t,x_m,y_m,z_m,qw,qx,qy,qz``: the pose of the left camera, x
+    right, y down and z forward, in any frame that does not move. The quaternion turns the camera's
+    axes into the fixed ones. Frames may be left out.
 
-    Raises
-    ------
-    ToktError
-        If the file cannot be read, a line is not nine finite numbers, a quaternion is not of
-        length 1, or a frame comes twice.
+    Raises ToktError if the file cannot be read, a line is not nine finite numbers, a quaternion is
+    not of length 1, or a frame comes twice.
     """
     try:
         with os_errors_as(f"cannot read odometry {path}"):

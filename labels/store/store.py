@@ -167,25 +167,15 @@ class AnnotatorStats:
 class LabelStore:
     """Append-only history of label events; the labels in force are derived from it.
 
-    Each annotator's labels are kept apart: the label in force is the last one *that annotator*
-    said of the patch. Model suggestions are kept, and never count as anybody's label. What
-    somebody settled where annotators disagree stands beside their labels and overwrites none.
-    A method that returned has its events on disk (``synchronous=FULL``); a killed process leaves
-    each `add`, `apply`, `undo` and `redo` whole or absent. Several processes and threads may use
-    one file at once.
+    Each annotator's labels are kept apart: the label in force is the last one *that annotator* said
+    of the patch. Model suggestions are kept, and never count as anybody's label. What somebody
+    settled where annotators disagree stands beside their labels and overwrites none. A method that
+    returned has its events on disk (``synchronous=FULL``); a killed process leaves each `add`,
+    `apply`, `undo` and `redo` whole or absent. Several processes and threads may use one file at
+    once. It is created with its folder when it is not there, unless `create` is ``False``.
 
-    Parameters
-    ----------
-    path : Path
-        The file, created with its folder when it is not there.
-    create : bool
-        ``False`` refuses a path where there is no file.
-
-    Raises
-    ------
-    ToktError
-        If the file is not a label store, has a newer format, or cannot be opened; or if the log
-        beside it is another file's.
+    Raises ToktError if the file is not a label store, has a newer format, or cannot be opened; or
+    if the log beside it is another file's.
     """
 
     _open_here: ClassVar[WeakSet[LabelStore]] = WeakSet()

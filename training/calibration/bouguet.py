@@ -46,16 +46,9 @@ def bouguet_numbers(path: Path, form: str, values: Mapping[str, ArrayLike]) -> C
     corners it finds), both order ``kc`` as k1, k2, p1, p2, k3, and in both a point of the right
     camera is R @ left + T, with R from the rotation vector ``om``.
 
-    Parameters
-    ----------
-    values : mapping
-        fc_left, cc_left, kc_left, the same for right, om or R, T in millimetres; perhaps
-        alpha_c_left and alpha_c_right (skew over the focal length), nx and ny.
-
-    Raises
-    ------
-    ToktError
-        As `checked_numbers`.
+    The variables are fc_left, cc_left, kc_left, the same for right, om or R, T in millimetres;
+    perhaps alpha_c_left and alpha_c_right (skew over the focal length), nx and ny. Raises ToktError
+    as `checked_numbers`.
     """
     needed = [f"{part}_{side}" for side in ("left", "right") for part in ("fc", "cc", "kc")]
     missing = [name for name in (*needed, "T") if name not in values]

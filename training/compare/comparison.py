@@ -165,11 +165,8 @@ def measure_times(compared: ComparedModels) -> dict[str, Any]:
     Models take turns frame by frame, each beginning as often as the others, so that whatever else
     the machine does falls on all alike.
 
-    Returns
-    -------
-    dict
-        how (in words), kernels, cpu, and models: {label: {median_ms, low_ms, high_ms, runs}} with
-        the 10th and the 90th percentile.
+    Returns how (in words), kernels, cpu, and models: {label: {median_ms, low_ms, high_ms, runs}}
+    with the 10th and the 90th percentile.
     """
     bundles = [predictions.bundle for predictions in compared.models]
     pictures, what = _pictures(compared)

@@ -187,14 +187,8 @@ def dive_folds(
 def some_units(units: NDArray[np.object_], kinds: Sequence[I64], most: int, of_kind: int) -> I64:
     """Rows of whole units, drawn with a fixed seed, up to `most`; `of_kind` units of each kind.
 
-    Parameters
-    ----------
-    units : array of str, shape (n_patches,)
-        What is kept or left out as a whole.
-    kinds : sequence of arrays of int, shape (n_patches,)
-        Such as classes, and sites; below 0 is none.
-    most, of_kind : int
-        The second goes first.
+    A unit is kept or left out as a whole. `kinds`, one array of int of shape (n_patches,) each, are
+    such as classes and sites; below 0 is none. `of_kind` goes before `most`.
     """
     unit = pd.factorize(units)[0]
     order = np.random.default_rng(0).permutation(unit.max() + 1)

@@ -183,18 +183,10 @@ class CameraCounts:
 class CameraSource:
     """Frames of one camera, or of two that see the same moments.
 
-    Parameters
-    ----------
-    drivers : sequence of CameraDriver
-        The left camera's, and if there are two the right one's.
-    clock : Clock
-    on_event : callable
-        Given an `Event` named ``camera_lost`` or ``camera_back``, on a camera's own thread.
-    wait : bool
-        Whether cameras that are not there at the start are waited for.
-    split : bool
-        Whether the one camera's pictures hold the left view in their left half and the right view
-        in the other.
+    The first driver is the left camera's. Events ``camera_lost`` and ``camera_back`` are given to
+    `on_event` on a camera's own thread. With `wait` cameras that are not there at the start are
+    waited for. With `split` one camera's pictures hold the left view in their left half and the
+    right view in the other.
     """
 
     live = True

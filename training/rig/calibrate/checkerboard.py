@@ -93,21 +93,11 @@ def calibrate_boards(
     """Calibrate both cameras and how they stand from pictures of one board.
 
     Each camera by Zhang's method (``cv2.calibrateCamera``), then R and T with the cameras kept
-    (``cv2.stereoCalibrate``).
+    (``cv2.stereoCalibrate``). The mission is a folder with ``Left/`` and ``Right/``, `corners` the
+    inner ones along the board's rows and columns, and `square_mm` the side of a square.
 
-    Parameters
-    ----------
-    mission : Mission
-        A folder with ``Left/`` and ``Right/``.
-    corners : (int, int)
-        Inner corners along the board's rows and columns.
-    square_mm : float
-        Side of a square.
-
-    Raises
-    ------
-    ToktError
-        If no left picture can be read, too few show the whole board, or they differ in size.
+    Raises ToktError if no left picture can be read, too few show the whole board, or they differ in
+    size.
     """
     present = stereo_frames(mission)
     frame_size(mission)  # where no picture can be read, this says why

@@ -96,16 +96,13 @@ def even_contrast_gaussian(view: F32) -> U8:
 def match_frame(mission: Mission, frame: int, frame_size: tuple[int, int]) -> FrameMatches | None:
     """Match the two pictures of one frame: ratio, mutual choice, exact place, one geometry.
 
-    SIFT's places are off by half a pixel and more; Lucas and Kanade's method moves the right one
-    to where the left one's surroundings are, and must lead back from there. The geometry is a
+    SIFT's places are off by half a pixel and more; Lucas and Kanade's method moves the right one to
+    where the left one's surroundings are, and must lead back from there. The geometry is a
     fundamental matrix of this frame's own matches (USAC MAGSAC++), so that no calibration decides
     which matches another one is judged on.
 
-    Returns
-    -------
-    FrameMatches or None
-        None where the frame cannot be read, is of another size than `frame_size` (width,
-        height), or has too few matches for a geometry.
+    None where the frame cannot be read, is of another size than `frame_size` (width, height), or
+    has too few matches for a geometry.
     """
     try:
         (left_view, size), (right_view, right_size) = (

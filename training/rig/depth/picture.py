@@ -56,12 +56,8 @@ def title(row: DepthRow) -> str:
 class DepthPicture:
     """Draws one frame after another, all with one scale of colours.
 
-    Parameters
-    ----------
-    rectifier : Rectifier
-        Whose views were matched.
-    nearest_m, farthest_m : float
-        Ends of the colour bar; what lies beyond has the colour of the end.
+    The rectifier is that whose views were matched. The colour bar ends at `nearest_m` and
+    `farthest_m`; what lies beyond has the colour of the end.
     """
 
     def __init__(self, rectifier: Rectifier, nearest_m: float, farthest_m: float) -> None:
