@@ -100,24 +100,12 @@ OK, NOTE, FAULT = "ok", "note", "fault"
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of `tokt doctor`.
+    """One line of `tokt doctor`."""
 
-    Parameters
-    ----------
-    name : str
-        What was looked at.
-    state : {"ok", "note", "fault"}
-        A note is worth knowing and may be as intended; a fault keeps something from working.
-    text : str
-        What was found, for people.
-    figures : dict
-        The same for scripts, as JSON values.
-    """
-
-    name: str
-    state: str
-    text: str
-    figures: dict[str, Any] = field(default_factory=dict)
+    name: str  # what was looked at
+    state: str  # OK; NOTE: worth knowing, perhaps as intended; FAULT: something does not work
+    text: str  # what was found, for people
+    figures: dict[str, Any] = field(default_factory=dict)  # the same for scripts, as JSON values
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""

@@ -17,6 +17,7 @@ LOSS_PX = 1.0
 """An observation that is this far off, in px of the full frame, counts half (Cauchy loss)."""
 _MAX_DAMPING = 1e8
 _ENOUGH_GAIN = 1e-6
+_ROUNDS = 60
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ class Adjusted:
     cost: float  # what was minimised
 
 
-def adjust(problem: Problem, path: Path, rounds: int = 60) -> Adjusted:
+def adjust(problem: Problem, path: Path) -> Adjusted:
     """Minimise the residuals under a Cauchy loss, so that wrong matches count little.
 
     Levenberg and Marquardt's method. Each point touches only its own observations, so the points
@@ -171,7 +172,7 @@ def adjust(problem: Problem, path: Path, rounds: int = 60) -> Adjusted:
     vector, damping = problem.pack(path), 1e-3
     residuals = problem.residuals(vector)
     cost = problem.cost(residuals)
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         system = _Normal(problem, vector, residuals)
         while damping < _MAX_DAMPING:
             try:
