@@ -6,12 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from tests.inference.sources.video.pictures import PLACES, place_of
 from tests.inference.sources.video.senders import Film, needs_gst, needs_gst_rtsp
-from tests.load.video import captures as video_captures
 from tests.load.video import run as video_run
-from tests.load.video.captures import Counted, count_captures, draw_case, judged_share
-from tests.load.video.model import Told
+from tests.load.video.captures import count_captures, judged_share
 from tokt.inference.sources.video.access_units import Depacketizer
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux programs")
@@ -53,39 +50,8 @@ def test_a_reader_that_joins_what_is_left_is_found_out(monkeypatch):
     assert counted.damaged > 0 and counted.worst[0] < 15
 
 
-def test_captures_are_the_same_each_time_and_of_all_kinds():
-    assert draw_case(7) == draw_case(7)
-    kinds = {fault for seed in range(80) for fault in draw_case(seed).faults}
-    assert kinds == {
-        *("numbers wrap", "pictures never sent", "other size", "restart", "second stream"),
-        *("joined", "loss", "reorder", "duplicate", "garbage"),
-    }
-
-
-def test_the_first_picture_is_timed_from_its_key_picture():
-    drawn = map(draw_case, range(999))
-    case = next(case for case in drawn if case.faults == () and len(case.keys) > 1)
-    assert video_captures.first_key(case) == 0.0
-    first, second, *_ = sorted(case.keys)
-    lost = next(packet for packet in case.packets if packet.number == first)
-    cut = replace(case, packets=[packet for packet in case.packets if packet is not lost])
-    assert video_captures.first_key(cut) == pytest.approx(second / 30, abs=1e-3)
-    counted = Counted()
-    counted.count(0, case)
-    assert counted.whole == counted.sent and 0 <= counted.first_s[0] < 0.05
-
-
 def test_where_nothing_is_lost_everything_is_judged():
     share = judged_share(200_000, 0.0, 1, (96, 64), 30, "h264")
     assert (share.whole, share.intact) == (1.0, 1.0)
     lossy = judged_share(200_000, 0.1, 3, (96, 64), 30, "h264")
     assert lossy.whole < lossy.intact < 1.0
-
-
-def test_a_box_tells_the_number():
-    told = Told((640, 480))
-    for number in range(200, 200 + PLACES):
-        row, col = place_of(number)
-        box = [col * 36, row * 27, 36, 27]
-        assert told.number(box, number) == told.number(box, number + 80) == number
-    assert told.number([0, 27, 100, 27], 5) is told.number(None, 5) is None

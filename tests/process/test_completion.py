@@ -119,10 +119,3 @@ def test_names_are_completed_without_what_takes_long_to_import(environment, fold
         imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
         assert "tokt.cli.app" in imported
         assert not {"numpy", "cv2", "mlflow", "pandas", "rich", "sqlalchemy"} & imported
-
-
-def test_completion_is_installed_for_the_shell_that_asks(environment):
-    told = said(environment, "bash", "-c", "tokt --install-completion; :")
-    assert "bash completion installed in" in told
-    script = f"source {environment['HOME']}/.bash_completions/tokt.sh; complete -p tokt"
-    assert "_tokt_completion tokt" in said(environment, "bash", "-c", script)

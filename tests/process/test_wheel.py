@@ -24,7 +24,6 @@ import psutil
 import pytest
 
 from tests.waiting import MAX_S
-from tokt.features.frames.mission import open_mission
 from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bundle
 from tokt.models.store.store import Store
 
@@ -232,13 +231,6 @@ def test_the_page_serves_every_file_and_no_other_is_asked_for(start, product, ti
     assert [url for url in sorted(asked) if not any(fnmatch(one, url) for one in files)] == []
     assert [one for one in sorted(files) if not any(fnmatch(one, url) for url in asked)] == []
     server.end(signal.SIGINT)
-
-
-@on_posix
-def test_a_watched_run_ends_with_its_mission(start, tiny, tiny_bundle, tmp_path):
-    log = tmp_path / "log.jsonl"
-    start("run", "--watchdog", "--bundle", tiny_bundle, "--source", tiny.path, "--log", log).end()
-    assert [line["frame"] for line in _lines(log)] == open_mission(tiny.path).frames()
 
 
 @on_posix

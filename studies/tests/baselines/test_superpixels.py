@@ -12,9 +12,8 @@ from skimage.segmentation import slic
 from tokt.features.common.errors import ToktError
 from tokt.training.fitting.train import rendered_other_image
 from tokt_studies.baselines import slic as slic_module
-from tokt_studies.baselines.lab_colour import LabColour, _features, labelled_example
+from tokt_studies.baselines.lab_colour import LabColour, labelled_example
 from tokt_studies.baselines.slic import SlicTexture, outline_boxes, resized_bgr, superpixels
-from tokt_studies.baselines.thesis_models import thesis_classifier
 from tokt_studies.baselines.thesis_texture import GRID, describe_haralick, describe_lbp_10_5
 
 pytestmark = pytest.mark.xdist_group("baselines")
@@ -33,15 +32,6 @@ def test_noise_of_a_dark_frame_draws_no_outlines():
     assert (superpixels(dark_noise()) == flat).mean() > 0.95
     today = slic(dark_noise() / 255, 100, sigma=5)
     assert (today == flat).mean() < 0.8
-
-
-def test_outlines_follow_an_edge(monkeypatch):
-    picture = np.full(SMALL, 20, np.uint8)
-    picture[:, 67:] = 200
-    monkeypatch.setattr(slic_module, "SIGMA_PX", 1.0)
-    cut = superpixels(picture)
-    across = set(np.unique(cut[:, :66])) & set(np.unique(cut[:, 68:]))
-    assert not across
 
 
 class _Odd:
@@ -81,23 +71,6 @@ def test_a_superpixel_is_judged_by_the_whole_rectangle_around_it():
     assert (mask == expected).all()
 
 
-def test_training_widens_the_rectangles_as_the_program_did(monkeypatch):
-    sizes: list[tuple[int, ...]] = []
-
-    def describe(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
-        sizes.append(patch.shape)
-        return np.array([patch.mean()])
-
-    image = np.full((60, 60), 20, np.uint8)
-    square = np.ones((60, 60), np.int64)
-    square[20:40, 20:40] = 2
-    monkeypatch.setattr(slic_module, "superpixels", lambda picture: square)
-    monkeypatch.setattr(slic_module, "resized_bgr", lambda frame: np.dstack([frame] * 3))
-    SlicTexture.train(image, image + 100, describe, "mean")
-    # Eroded twice and dilated four times: two pixels more at every side.
-    assert (24, 24) in sizes
-
-
 def test_a_rectangle_without_features_is_ocean():
     def nothing(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
         return np.full(13, np.nan)
@@ -107,20 +80,6 @@ def test_a_rectangle_without_features_is_ocean():
     assert slic_module._features(np.zeros((1, 1), np.uint8), describe_haralick) is None
     with pytest.raises(ToktError, match="no superpixel of the ocean image"):
         SlicTexture.train(frame, frame, nothing, "none")
-
-
-def test_the_classifier_is_fitted_as_the_grids():
-    """By the dual problem, as the library of 2016 did: another solver gives other weights."""
-    images = [np.random.default_rng(n).integers(0, 9 * n, SMALL, np.uint8) for n in (1, 2)]
-    rows: list[NDArray[np.float64]] = []
-
-    def describe(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
-        rows.append(np.array([patch.mean(), patch.std(), patch.size]))
-        return rows[-1]
-
-    found = SlicTexture.train(images[0], images[1], describe, "few").classifier
-    n_ocean = len(slic_module._training_patches(images[0]))
-    assert (found.coef_ == thesis_classifier(rows[:n_ocean], rows[n_ocean:]).coef_).all()
 
 
 def shuffled_lbp() -> Callable[[NDArray[np.uint8]], NDArray[np.float64]]:
@@ -150,29 +109,6 @@ def test_colour_of_superpixels_finds_the_tower_only_if_truly_labelled(dive, find
     false[0] = examples[0][0], 1 - examples[0][1]
     broken = LabColour.train(false)
     assert not finds_tower(lambda number: broken.mask(dive.left(number)))
-
-
-def test_colour_learnt_from_two_images():
-    blue, gray = np.zeros((68, 90, 3), np.uint8), np.full((68, 90, 3), 90, np.uint8)
-    blue[:] = (60, 30, 15)
-    method = LabColour.train_on_two(blue, gray)
-    both = np.hstack([blue[:, :45], gray[:, 45:]])
-    mask = method.mask(both)
-    assert (mask[:, :160] == 0).all()
-    assert (mask[:, 200:] == 255).all()
-    assert mask.dtype == np.uint8
-
-
-def test_the_features_are_of_a_and_b_alone():
-    """Four numbers: of a, then of b, its standard deviation and normalised SSD."""
-    rng = np.random.default_rng(3)
-    lab = rng.integers(90, 170, (68, 90, 3)).astype(float)
-    cut = np.arange(68 * 90).reshape(68, 90) // 680
-    features = _features(lab[..., 1:], cut, np.array([120.0, 110.0]))
-    assert features.shape == (9, 4)
-    a = lab[..., 1][cut == 4]
-    ssd = ((a - 120.0) ** 2).sum() / np.sqrt((a**2).sum() * (120.0**2 * a.size))
-    assert features[4, :2] == pytest.approx([a.std(), ssd])
 
 
 def test_colour_examples_that_teach_nothing_are_refused():

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import sys
-from pathlib import Path
 
 import cv2
 import pytest
@@ -11,13 +9,11 @@ import pytest
 from tests.load.effort.effort import LabellingEffort
 from tests.load.page.bench import label_report
 from tests.load.page.chart import label_chart_png
-from tests.load.page.mission import label_all, link_frames
-from tests.load.page.tab import chromium
+from tests.load.page.mission import link_frames
 from tests.load.program import label_server
-from tests.load.report import WORST, Timing, print_report
+from tests.load.report import Timing, print_report
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
-from tokt.labels.store.store import LabelStore
 
 TIMES = [
     *("first_page", "next_frame", "next_frame_fast", "jump"),
@@ -50,15 +46,6 @@ def test_everything_a_person_waits_for_is_measured(tiny, run_load, tmp_path):
     assert found["frames"] == 30 and found["mission"] == "tiny" and found["effort"] == []
     assert json.loads((out / "label.json").read_text("utf-8")) == found
     assert sorted(path.name for path in out.iterdir()) == ["label.json", "label.png"]
-
-
-def test_a_time_is_held_against_what_is_asked():
-    times = [float(value) for value in range(1, 101)]
-    asked = Timing("x", "", times, 96.0)
-    assert asked.holds and asked.to_json()["p50_ms"] == 50.5
-    assert not Timing("x", "", times, 95.0).holds
-    assert not Timing("x", "", times, 99.0, WORST).holds
-    assert Timing("x", "", times).holds is None
 
 
 def an_effort(with_model: int, **more) -> LabellingEffort:
@@ -95,30 +82,6 @@ def test_a_long_mission_is_links_to_few_pictures(tiny, tmp_path):
     assert target.parent == (tiny.path / "Left").resolve() and cv2.imread(str(target)) is not None
 
 
-def test_every_patch_of_the_long_mission_gets_a_label(tmp_path):
-    assert label_all(tmp_path / "labels.db", "long", 3, "bench") == 300
-    with LabelStore(tmp_path / "labels.db") as store:
-        held = store.current(mission="long")
-    assert len({record.cell for record in held}) == 300
-    assert {record.annotator for record in held} == {"bench"}
-
-
-def test_without_playwright_its_name_is_told(run_load, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
-    ran = run_load("page", "--quick", "--out", tmp_path / "out")
-    assert (ran.code, ran.out) == (2, "")
-    assert ran.err.startswith("tokt: error: measuring the page needs Playwright")
-    assert ran.err.count("\n") == 1 and not (tmp_path / "out").exists()
-
-
-def test_without_a_browser_that_is_told(tmp_path, monkeypatch):
-    pytest.importorskip("playwright", reason="Playwright is not installed (extra dev)")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setenv("PLAYWRIGHT_BROWSERS_PATH", str(tmp_path))
-    with pytest.raises(ToktError, match="no Chromium here"), chromium():
-        pass
-
-
 def test_a_server_that_ends_is_told_with_its_last_words(tmp_path):
     gone = tmp_path / "gone"
     with (
@@ -126,12 +89,3 @@ def test_a_server_that_ends_is_told_with_its_last_words(tmp_path):
         label_server(gone, tmp_path / "workspace"),
     ):
         pass
-
-
-@pytest.mark.parametrize("options", [("--labels", "l.csv"), ("--out", "file")])
-def test_options_that_cannot_be_used(options, run_load, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("file").write_text("mine")
-    ran = run_load("page", *options)
-    assert ran.code == 2 and ran.err.startswith("tokt: error: ") and ran.err.count("\n") == 1
-    assert Path("file").read_text() == "mine"

@@ -8,13 +8,7 @@ from scipy import ndimage
 
 from tests.load.effort.effort import effort_of, wrong_labels
 from tests.load.effort.session import FREE, drags
-from tests.load.effort.stretches import (
-    Stretch,
-    labels_by_frame,
-    most_frequent_obstacle,
-    stretches_of,
-    target_of,
-)
+from tests.load.effort.stretches import Stretch, labels_by_frame, target_of
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store.store import FILE_NAME, LabelStore
@@ -48,17 +42,6 @@ def records(tiny):
 def dive(tiny, records):
     """The tiny mission with its labels."""
     return LabelledMission(open_mission(tiny.path), records)
-
-
-def test_the_most_frequent_obstacle_is_what_a_model_means(records):
-    assert most_frequent_obstacle(labels_by_frame(records)) == "subsea_installation"
-
-
-def test_stretches_are_frames_in_a_row(dive, records):
-    assert [one.held for one in stretches_of(dive)] == [[*range(1, 37)], [*range(37, 41)]]
-    gap = [record for record in records if not 9 < record.frame < 36]
-    rows = stretches_of(LabelledMission(dive.mission, gap), most=6)
-    assert [one.held for one in rows] == [[*range(1, 7)], [7, 8, 9], [*range(36, 41)]]
 
 
 HELD = [8, 9, 20]

@@ -1,9 +1,7 @@
 """The bench of scale: what it renders, what it watches, and what it says of it."""
 
-import csv
 import io
 import json
-import math
 import sys
 from contextlib import redirect_stdout
 from dataclasses import replace
@@ -16,11 +14,8 @@ import pytest
 from tests.load.scale import run as scale_run
 from tests.load.scale import steps as scale_steps
 from tests.load.scale.cost import cost_of, watched
-from tests.load.scale.mission import LABELS, ScaleMission
-from tests.load.scale.run import exponent
 from tests.load.scale.steps import Steps
 from tokt.features.common.errors import ToktError
-from tokt.features.frames.mission import open_mission
 from tokt.training.fitting.presets import settings_named
 
 HEAVY = """
@@ -71,25 +66,6 @@ def test_every_step_is_measured_on_what_was_rendered(run_load, tmp_path, monkeyp
     assert {step["exponent"] for step in found["steps"]} == {None}
 
 
-def test_frames_of_the_story_come_again_with_other_noise_and_their_labels(tmp_path):
-    mission = ScaleMission(tmp_path, 180, 5)
-    assert mission.write_frames(108) > 0
-    first, second = sorted(mission.path.iterdir())
-    assert [len(open_mission(dive).frames()) for dive in (first, second)] == [100, 8]
-    once, again = (mission.draw(number).astype(int) for number in (2, 7))
-    assert 0 < np.abs(once - again).mean() < 4
-    files = (first / "Left" / f"{first.name}_L_7.jpg", second / "Left" / f"{second.name}_L_7.jpg")
-    assert files[0].read_bytes() != files[1].read_bytes()
-    with (second / LABELS).open(newline="") as handle:
-        rows = list(csv.DictReader(handle))
-    assert len(rows) == 800 and {row["mission"] for row in rows} == {second.name}
-    labels = {(int(row["frame"]), row["row"], row["col"]): row["label"] for row in rows}
-    third, eighth = (
-        [labels[n, str(r), str(c)] for r in range(10) for c in range(10)] for n in (3, 8)
-    )
-    assert third == eighth and len(set(third)) > 1
-
-
 def test_memory_is_that_of_the_step_and_of_all_it_starts():
     found = watched([sys.executable, "-c", HEAVY])
     assert list(found) == ["light", "heavy"]
@@ -103,11 +79,6 @@ def test_memory_is_that_of_the_step_and_of_all_it_starts():
 def test_a_step_that_fails_is_said_in_its_own_words():
     with pytest.raises(ToktError, match="code 1: ValueError: too much"):
         watched([sys.executable, "-c", "raise ValueError('too much')"])
-
-
-def test_growth():
-    sizes = (10_000, 100_000, 1_000_000)
-    assert math.isclose(exponent(sizes, [3e-9 * n**1.5 for n in sizes]), 1.5)
 
 
 def test_too_little_room_and_too_few_frames_are_said_before_the_work(run_load, monkeypatch):

@@ -142,15 +142,6 @@ def test_pictures_show_a_fault_where_its_centre_is(dive):
         assert np.abs(np.subtract(place, 20)).max() <= 2
 
 
-def test_place_is_the_way_along_the_track(dive):
-    out, _ = dive
-    track = np.array([pose.position_m for pose in load_odometry(out / "odometry.csv").values()])
-    way = np.append(0, np.cumsum(np.linalg.norm(np.diff(track[:, ::2], axis=0), axis=1)))
-    for fault in rows(out / "faults.csv"):
-        nearest = np.linalg.norm(track[:, ::2] - centre(fault)[::2], axis=1).argmin()
-        assert way[nearest] == pytest.approx(float(fault["along_m"]), abs=0.3)
-
-
 def test_begins_and_ends_in_open_water(dive):
     out, _ = dive
     labels = labels_of(out)

@@ -1,36 +1,20 @@
 """The closed loop's renderer: geometry, likeness to missions, the same bytes again."""
 
-import time
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
-from sklearn.metrics import f1_score
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
-from sklearn.svm import LinearSVC
 
-from tokt.features.extractors.named_extractors import extractor_named
-from tokt.features.frames.grid import DEFAULT_GRID, Grid
-from tokt.features.frames.mission import open_mission
+from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt_studies.simulation.rendering.lighting import expose, tower_light
 from tokt_studies.simulation.rendering.loop_lighting import ViewMaps, surface_light
-from tokt_studies.simulation.rendering.patch_labels import (
-    OCEAN,
-    TOWER,
-    contrast,
-    coverage,
-    patch_labels,
-)
 from tokt_studies.simulation.rendering.raycast import Hits, View
 from tokt_studies.simulation.rendering.sensor import develop
 from tokt_studies.simulation.rendering.snow import Snow
 from tokt_studies.simulation.rendering.stereo_renderer import StereoRenderer
-from tokt_studies.simulation.rendering.synthetic_mission import JPEG, MissionScene, simulate_mission
+from tokt_studies.simulation.rendering.synthetic_mission import JPEG, MissionScene
 from tokt_studies.simulation.rendering.trajectory import CameraPose
 from tokt_studies.simulation.scene.closed_loop_world import Placed, World
 from tokt_studies.simulation.scene.fish_and_dust import DustCloud, Puffs, School
@@ -298,27 +282,6 @@ def test_open_water_has_the_grey_levels_and_noise_of_a_mission(water_frames):
         assert new == pytest.approx(old, rel=tolerance)
 
 
-@pytest.mark.parametrize("extractor", ["lbp_10_5", "lbp_24_8", "haralick"])
-def test_open_water_has_the_texture_of_a_mission(water_frames, extractor):
-    """Each feature's mean over the patches differs by at most a fifth of its deviation."""
-    describe = extractor_named(extractor).describe
-    old, new = (patches_of(frames, describe) for frames in water_frames)
-    shift = np.abs(new.mean(axis=0) - old.mean(axis=0)) / (old.std(axis=0) + 1e-12)
-    assert shift[old.std(axis=0) > 1e-9].max() < 0.2
-
-
-def test_two_frames_do_not_have_the_same_noise(scene):
-    renderer = StereoRenderer(World(replace(scene.water, snow_per_frame=0)), scene.rig, 5)
-    position = place(0, 0.3, -30.0)
-    fine = []
-    for t in (0.0, 0.25, 0.5):
-        for frame in renderer.pair(t, position, 0.0, STILL):
-            image = gray(frame)
-            image -= cv2.GaussianBlur(image, (0, 0), 2)
-            fine.append(image.clip(-1.5, 1.5).ravel())
-    assert np.abs(np.corrcoef(fine) - np.eye(6)).max() < 0.02
-
-
 def test_snow_stays_in_its_water_as_densely_as_on_a_mission():
     water = Water(snow_per_frame=1000)
     snow = Snow(np.random.default_rng(1), water)
@@ -357,74 +320,3 @@ def test_a_pair_gives_the_true_distance(tmp_path, tower):
         mixed = renderer.pair(9.0, position + place(0.9, 0, 0), 0.0, STILL)[1]
         other = DisparityDetector(calibration, Grid()).observe(Frame(1, 0.0, left, mixed))
         assert other.detection.distance_m != pytest.approx(near, rel=0.06)
-
-
-def test_close_to_a_tower_a_frame_costs_far_less_than_a_missions(scene, tower):
-    """Measured about a third; a closed loop renders some hundred thousand frames."""
-    position = place(0.2, 0.35, -2.0)
-    renderer = StereoRenderer(World(scene.water, (tower,), seed=3), scene.rig, 5)
-    pose = CameraPose(position, np.eye(3), AHEAD)
-
-    def least(render, times):
-        taken = []
-        for number in range(times):
-            start = time.process_time()
-            render(number)
-            taken.append(time.process_time() - start)
-        return min(taken)
-
-    fast = least(lambda number: renderer.left(float(number), position, 0.0, AHEAD), 5)
-    assert fast < 0.7 * least(lambda number: mission_frame(scene, pose, tower.shape, number), 3)
-
-
-def patches_of(frames, describe):
-    return np.concatenate([describe(frame, DEFAULT_GRID) for frame in frames])
-
-
-def mission_frames(folder):
-    """Frames and labels (1 tower, 0 ocean, -1 unsure) of a rendered mission."""
-    rows = np.genfromtxt(folder / "labels.csv", str, delimiter=",", skip_header=1)
-    mission = open_mission(folder)
-    return [mission.read(number) for number in mission.frames()], as_numbers(rows[:, 5])
-
-
-def as_numbers(labels):
-    return np.select([np.array(labels) == TOWER, np.array(labels) == OCEAN], [1, 0], -1)
-
-
-def both_renderers(seed, n_frames):
-    """A dive without pitch and roll by the missions' and the closed loop's renderer; its labels."""
-    scene = MissionScene.draw(seed, n_frames, WIDTH)
-    world = World(scene.water, (Placed(scene.tower, (0.0, 0.0, 0.0)),), seed=seed)
-    renderer = StereoRenderer(world, scene.rig, 5)
-    old, new, labels = [], [], []
-    for number, pose in enumerate(scene.poses):
-        heading = float(np.arctan2(pose.rotation[2, 0], pose.rotation[2, 2]))
-        new.append(renderer.left(float(number), pose.centre, heading, pose.velocity))
-        level = CameraPose(pose.centre, upright(heading), pose.velocity)
-        frame, view, exposure = mission_frame(scene, level, scene.tower, number, seed=seed)
-        old.append(frame)
-        mask = view.image(np.isfinite(view.depth))
-        covered = coverage(mask, DEFAULT_GRID)
-        seen = contrast(exposure.clean, exposure.open_water, mask, DEFAULT_GRID)
-        labels += patch_labels(covered, seen)
-    return old, new, as_numbers(labels)
-
-
-def test_a_model_trained_on_missions_scores_the_closed_loop_as_well_as_missions(tmp_path):
-    """Held-out F1 of Haralick and LinearSVC on the closed loop's frames and on a mission's."""
-    describe = extractor_named("haralick").describe
-    rows, truth = [], []
-    for seed in (11, 12):
-        simulate_mission(tmp_path / str(seed), seed=seed, n_frames=24, width=WIDTH, jobs=1)
-        frames, labels = mission_frames(tmp_path / str(seed))
-        rows.append(patches_of(frames, describe)[labels >= 0])
-        truth.append(labels[labels >= 0])
-    model = make_pipeline(StandardScaler(), LinearSVC(C=1.0, random_state=42))
-    model.fit(np.concatenate(rows), np.concatenate(truth))
-    old, new, labels = both_renderers(31, 40)
-    sure = labels >= 0
-    said = [model.predict(patches_of(frames, describe)[sure]) for frames in (old, new)]
-    scores = [f1_score(labels[sure], predicted) for predicted in said]
-    assert scores[0] > 0.8
-    assert scores[1] == pytest.approx(scores[0], abs=0.02), scores

@@ -96,17 +96,6 @@ def test_same_seed_same_bytes_whatever_the_jobs(tmp_path):
     assert not {name for name in same if name.endswith((".jpg", ".yml", "scene.json"))}
 
 
-def test_opens_as_a_mission(mission):
-    out, summary = mission
-    opened = open_mission(out)
-    assert opened.name == "dive"
-    assert opened.cameras == ("left", "right")
-    for camera in opened.cameras:
-        assert opened.frames(camera) == list(range(1, N_FRAMES + 1))
-        frame = opened.read(N_FRAMES, camera)
-        assert frame.shape == (summary.height, summary.width, 3) == (256, 340, 3)
-
-
 def test_story_has_ocean_and_obstacles_everywhere_it_should(mission):
     out, summary = mission
     labels = read_labels(out)
@@ -258,12 +247,6 @@ def test_refuses_what_is_there_and_what_cannot_be(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_an_empty_folder_is_filled(tmp_path):
-    (tmp_path / "empty").mkdir()
-    simulate_mission(tmp_path / "empty", n_frames=1, width=160)
-    assert (tmp_path / "empty" / "labels.csv").is_file()
-
-
 def test_killed_half_way_leaves_no_mission(tmp_path):
     out = tmp_path / "dive"
     code = (
@@ -280,18 +263,6 @@ def test_killed_half_way_leaves_no_mission(tmp_path):
     process.wait(MAX_S)
     assert not out.exists()
     assert remove_partials(tmp_path) == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_frame_fails_and_nothing_stays(tmp_path):
-    def broken(frames, total, what):
-        for number, frame in enumerate(frames):
-            if number == 2:
-                raise KeyboardInterrupt
-            yield frame
-
-    with pytest.raises(KeyboardInterrupt):
-        simulate_mission(tmp_path / "dive", n_frames=12, width=160, progress=broken)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -9,14 +9,7 @@ import pytest
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt_studies.simulation.scene.closed_loop_world import Placed, World
 from tokt_studies.simulation.scene.fish_and_dust import DustCloud, School
-from tokt_studies.simulation.scene.obstacles import (
-    cable,
-    net,
-    one_tower,
-    other_vehicle,
-    sea_floor,
-    trap,
-)
+from tokt_studies.simulation.scene.obstacles import cable, net, other_vehicle, sea_floor, trap
 from tokt_studies.simulation.scene.tower import GREY, NO_STALKS, Cuboid, Frustum, Tower, panels
 from tokt_studies.simulation.scene.water import Water
 
@@ -75,19 +68,6 @@ def test_clearance_is_that_of_points_all_over_the_surfaces():
     # Between points 1 cm apart the nearest is at most 7 mm aside, on a bend of at least 5 cm.
     assert (brute[~inside] - exact[~inside] <= 1e-3).all()
     assert np.isinf(World(Water()).clearance_m(points)).all()
-
-
-def test_the_clearance_of_a_whole_tower_is_that_of_its_surface():
-    tower = one_tower(np.random.default_rng(2), (0.4, 0.0, 1.0))
-    rng = np.random.default_rng(3)
-    picks = [rng.permutation(surface_points(solid, 0.03))[:150] for solid in tower.shape.solids]
-    on_it = np.concatenate(picks) + np.array([0.4, 0.0, 1.0])
-    world = World(Water(), (tower,))
-    assert world.clearance_m(on_it) == pytest.approx(0, abs=1e-9)
-    collar = tower.shape.solids[1]
-    assert isinstance(collar, Frustum)
-    ahead = np.array([[0.4, 0.0, -1.0]])  # straight before the collar, which is the widest part
-    assert world.clearance_m(ahead)[0] == pytest.approx(2.0 - collar.start_radius)
 
 
 def test_a_trap_is_open_towards_the_vehicle_only():

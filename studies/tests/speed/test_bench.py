@@ -2,12 +2,9 @@
 
 import json
 import math
-import shutil
 import sys
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -15,36 +12,16 @@ import pytest
 
 from tests.calls import refused, refuses, succeeds
 from tests.features.kernels.each_kernel import changed
-from tokt.features.extractors.textures import Moments
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
-from tokt.features.kernels.quantization import Quantization
-from tokt.inference.policy.policy import Judgement
-from tokt.inference.verdict import verdict_from_mask
-from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from tokt_studies.baselines.thesis_texture import GRID, haralick_directions
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt_studies.speed.cases import (
-    HaralickKernel,
-    LbpKernel,
-    MovingFrame,
-    Picture,
-    WholeFrame,
-    textured_frame,
-)
+from tokt_studies.speed.cases import HaralickKernel, LbpKernel, Picture, WholeFrame
 from tokt_studies.speed.haralick_agreement import HaralickAgreement
 from tokt_studies.speed.models import FEATURE_SETS, examples_from_two_images, fit_extractor_pair
-from tokt_studies.speed.paired_timing import (
-    BASELINE,
-    OURS,
-    BenchSize,
-    in_turns,
-    result,
-    single_thread,
-)
+from tokt_studies.speed.paired_timing import BASELINE, OURS, BenchSize, in_turns
 from tokt_studies.speed.process_cases import first_verdict
 from tokt_studies.speed.report import about_lines
-from tokt_studies.speed.run import measure_in_process
 
 pytestmark = pytest.mark.xdist_group("bench")  # what they share is made once
 
@@ -151,13 +128,6 @@ def test_the_real_missions_frames_are_judged_alike(mission_dir, run_tokt, tmp_pa
     assert found["stereo"] == "calibration given"
 
 
-def test_a_mission_that_is_not_there(run_tokt, tmp_path):
-    ran = run_tokt("bench", "--mission", tmp_path / "none", "--out", tmp_path / "out")
-    assert (ran.code, ran.out) == (2, "")
-    assert ran.err == f"tokt: error: mission {tmp_path / 'none'} does not exist\n"
-    assert not (tmp_path / "out").exists()
-
-
 def test_labels_that_do_not_fit(sea, tmp_path, tiny_truth):
     rows = [["sea", "left", 999, 0, 0, "ocean"]]
     labels = tiny_truth.write_labels(tmp_path / "other.csv", rows)
@@ -167,20 +137,6 @@ def test_labels_that_do_not_fit(sea, tmp_path, tiny_truth):
     labels = tiny_truth.write_labels(tmp_path / "clear.csv", rows)
     refused("both obstacles and clear water", *asked, labels)
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        *(("--labels", "l.csv"), ("--calibration", "c.yml"), ("--out", "file")),
-        ("--calibration", "c.yml", "--mission", "m", "--effort"),
-    ],
-)
-def test_options_that_cannot_be_used(options, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("file").write_text("mine")
-    assert refused("", "bench", *options).count("\n") == 1
-    assert Path("file").read_text() == "mine"
 
 
 def test_counts_off_by_one_are_not_exact(picture):
@@ -232,14 +188,6 @@ def test_a_feature_that_is_a_little_wrong_is_not_exact(picture, directions, feat
     assert case.exact == (feature is None)
 
 
-def test_a_feature_that_is_no_number_is_not_exact(picture):
-    directions = haralick_directions(picture.patches[0], ignore_zeros=True)
-    agreement = HaralickAgreement()
-    agreement.add(np.full(13, np.nan), directions)
-    assert not agreement.agree
-    json.dumps(agreement.to_json(), allow_nan=False)
-
-
 def test_constant_patches_have_an_undetermined_correlation_only():
     directions = haralick_directions(np.full((27, 36), 200, np.uint8), ignore_zeros=True)
     agreement = HaralickAgreement()
@@ -278,45 +226,6 @@ def test_frames_that_the_runtime_refuses_are_counted(two_images):
     assert case.findings()["frames_refused"] == 1 and not case.exact
 
 
-def test_flow_that_made_a_frame_clear_would_be_told(two_images, picture):
-    case = MovingFrame(two_images.bundle)
-    assert case.check(picture) and case.exact
-    masks = (np.full((10, 10), level, np.uint8) for level in (255, 0))
-    case._alone, case._moving = (
-        SimpleNamespace(judge=lambda _, mask=mask: Judgement(verdict_from_mask(mask, "texture")))
-        for mask in masks
-    )
-    case.check(picture)
-    assert case.findings()["frames_made_clear"] == 1 and not case.exact
-
-
-def test_refused_frames_are_not_timed(sea, tmp_path, no_progress):
-    shutil.copytree(sea, tmp_path / "dive")
-    frames = sorted((tmp_path / "dive" / "Left").iterdir())
-    black = np.zeros_like(cv2.imread(str(frames[0])))
-    for path in frames[1:]:
-        cv2.imwrite(str(path), black)
-    mission = open_mission(tmp_path / "dive")
-    examples = examples_from_two_images(open_mission(sea))
-    size = replace(ONE_OF_EACH, compared=2, timed=2)
-    with single_thread():
-        asked = [(one.name, one.extractor, examples, black) for one in FEATURE_SETS]
-        models = [fit_extractor_pair(*one) for one in asked]
-        best = fit_extractor_pair("best", Moments(Quantization(8, 64, 1, 61)), examples, black)
-        results, compared, timed = measure_in_process(mission, models, best, size, no_progress, str)
-    assert (compared, timed) == (2, 1)
-    ours = next(case for case in results if case.name == "best.frame")
-    assert ours.exact and ours.extras["pictures_checked"] == 2 and ours.extras["floor_ms"] > 0
-    frame = next(case for case in results if case.name == "haralick.frame")
-    assert frame.extras["frames_refused"] == 1 and frame.extras["libraries_ms"] > 0
-
-
-def test_a_mission_without_labels_learns_from_two_images(sea, tmp_path):
-    shutil.copytree(sea / "Left", tmp_path / "dive" / "Left")
-    examples = examples_from_two_images(open_mission(tmp_path / "dive"))
-    assert [flags.mean() for _, _, flags in examples.pictures] == [0, 1]
-
-
 def test_calls_are_timed_in_turns_on_the_same_items():
     seen = []
     calls = {name: lambda item, name=name: seen.append((name, item)) for name in (BASELINE, OURS)}
@@ -329,34 +238,6 @@ def test_calls_are_timed_in_turns_on_the_same_items():
     # No call gets the item that the other has just had in its hands.
     assert all(a[1] != b[1] for a, b in zip(timed[::2], timed[1::2], strict=True))
     assert all(values.shape == (8,) and (values >= 0).all() for values in times.values())
-
-
-def test_medians_ratio_and_spread():
-    theirs, mine = np.array([2.0, 4.0, 6.0]), np.array([1.0, 1.0, 2.0])
-    found = result("x", {BASELINE: theirs, OURS: mine}, True, {"of": "it"}).to_json()
-    assert (found["baseline_ms"], found["ours_ms"], found["ratio"]) == (4000, 1000, 4)
-    assert found["spread"] == pytest.approx(np.percentile([2, 4, 3], (10, 90)).tolist())
-    assert found["repetitions"] == 3 and found["of"] == "it"
-
-
-def test_one_thread_is_for_a_while_only():
-    before = cv2.getNumThreads()
-    with single_thread():
-        assert cv2.getNumThreads() == 1
-    assert cv2.getNumThreads() == before
-
-
-def test_the_textured_frame_is_textured():
-    shown = Picture(textured_frame())
-    levels = [len(np.unique(patch)) for patch in shown.patches]
-    assert shown.frame.shape == (1024, 1360, 3) and np.median(levels) > 80
-    assert all(patch.flags.c_contiguous for patch in shown.patches)
-
-
-def test_frames_are_spread_over_the_mission():
-    assert evenly_spaced([3, 5, 8], 7) == [3, 5, 8]
-    assert evenly_spaced(list(range(1, 101)), 3) == [1, 51, 100]
-    assert evenly_spaced(list(range(9)), 1) == [0]
 
 
 @pytest.mark.parametrize("sends", [True, False])

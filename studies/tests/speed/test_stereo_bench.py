@@ -16,17 +16,9 @@ from tokt.inference.stereo.disparity import DisparityDetector
 from tokt_studies.baselines.thesis_stereo import judge_pair
 from tokt_studies.speed import stereo_cases
 from tokt_studies.speed.cases import textured_frame
-from tokt_studies.speed.paired_timing import BASELINE, OURS, BenchSize, single_thread
+from tokt_studies.speed.paired_timing import BenchSize, single_thread
 from tokt_studies.speed.report import print_table
-from tokt_studies.speed.stereo_cases import (
-    Pair,
-    StereoPair,
-    by_kind,
-    measure_stereo,
-    pair_numbers,
-    read_pairs,
-    stereo_input,
-)
+from tokt_studies.speed.stereo_cases import Pair, StereoPair, measure_stereo, stereo_input
 
 ONE_ROUND = BenchSize(compared=None, timed=2, rounds=1, files=0, tables=0, starts=0, latency=0)
 
@@ -60,12 +52,6 @@ def dive(pair, tmp_path_factory):
             cv2.imwrite(str(folder / name / f"d_{number}.png"), pictures[side])
     (folder / "Right" / "d_3.png").write_bytes(b"no picture")
     return folder
-
-
-def test_pairs_are_those_that_both_cameras_have_and_that_can_be_read(dive):
-    mission = open_mission(dive)
-    assert pair_numbers(mission) == [1, 2, 3, 4]
-    assert [pair.number for pair in read_pairs(mission, [1, 2, 3])] == [1, 2]
 
 
 def test_the_thesis_pipeline_is_a_texture_threshold_on_the_left_frame(pair):
@@ -134,14 +120,6 @@ def test_both_cases_of_a_mission(dive, no_progress, capsys):
     assert "(ours) of 2 pairs" in table and "without obstacle:" in table
     assert "exact: ours matches" in table and "exact: depths are within" in table
     assert "stereo: calibration given" in table
-
-
-def test_times_by_kind():
-    times = {BASELINE: np.array([4.0, 1, 8, 4, 1, 8]), OURS: np.array([2.0, 1, 2, 2, 1, 2])}
-    found = by_kind(times, np.array([True, False, True]))
-    assert found["with_obstacle"] == {"pairs": 2, "baseline_ms": 6000, "ours_ms": 2000, "ratio": 3}
-    assert found["without_obstacle"]["ratio"] == 1
-    assert by_kind(times, np.zeros(3, bool))["with_obstacle"] is None
 
 
 def test_without_what_stereo_needs_the_cases_are_left_out_and_it_is_said(dive, tmp_path):

@@ -23,7 +23,6 @@ from tokt_studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt_studies.baselines.thesis_texture import GRID, ThesisTextureResult
 from tokt_studies.thesis.exhibits import curve_figures as curve_exhibit
 from tokt_studies.thesis.exhibits.curve_figures import (
-    agreement_of_worst,
     alike_claim,
     curve_figures,
     order_claim,
@@ -33,14 +32,7 @@ from tokt_studies.thesis.exhibits.curve_figures import (
 from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
 from tokt_studies.thesis.exhibits.training_image_figures import EXTRACTORS
 from tokt_studies.thesis.methods import mission_models
-from tokt_studies.thesis.methods.curves import (
-    TOKT_STEREO,
-    Curves,
-    FrameTask,
-    Method,
-    _model_method,
-    judge_frame,
-)
+from tokt_studies.thesis.methods.curves import Curves, FrameTask, Method, _model_method, judge_frame
 from tokt_studies.thesis.methods.mission_models import TOKT_TEXTURE
 from tokt_studies.thesis.patch_scores import pooled_score
 
@@ -105,21 +97,6 @@ def test_a_file_that_is_a_frame_is_not_scored(reproduce_mission, context_of, tmp
     context = context_of(reproduce_mission, ocean=copy)
     assert 5 not in context.scored
     assert 1 in context.scored
-
-
-def test_slow_methods_judge_the_sample_alone(reproduced, curves):
-    there = curves.mean["slic_lbp_10_5"].dropna().index.tolist()
-    assert there == reproduced.spread()
-    assert curves.methods["slic_lbp_10_5"].sampled
-    assert "sample of 2 frames" in curves.methods["slic_lbp_10_5"].words
-
-
-def test_the_distance_is_the_scenes(reproduced, curves):
-    truth = reproduced.mission.path / "depth" / "L_12.png"
-    depth = cv2.imread(str(truth), cv2.IMREAD_UNCHANGED) / 1000.0
-    found = curves.distance_m[12]
-    assert depth[depth > 0].min() < found < np.percentile(depth[depth > 0], 60)
-    assert curves.status.loc[12, TOKT_STEREO] == 1
 
 
 def test_shuffled_features_lose(reproduced, judged, curves):
@@ -197,11 +174,6 @@ def test_colours_never_learn_from_their_own_half(reproduced, monkeypatch):
         assert all(other // found.block_frames != number // found.block_frames for other in half)
 
 
-def test_frames_of_another_size_have_no_thesis_disparity(curves):
-    assert "disparity" not in curves.methods
-    assert any("1360x1024" in why for why in curves.left_out)
-
-
 def test_thesis_disparity_judges_pairs_of_its_size(tmp_path):
     width, height = THESIS_FRAME_SIZE
     rng = np.random.default_rng(1)
@@ -236,29 +208,6 @@ def test_a_left_camera_alone_in_gray_without_labels(
     left_out = " ".join(context.curves.left_out)
     assert "no right frames" in left_out and "no labels" in left_out
     assert len(exhibit.plots) >= 2
-
-
-def test_a_first_frame_that_cannot_be_read_is_passed_over(reproduce_mission, context_of, tmp_path):
-    """Where any frame of the mission will do: its size, a model's golden frame."""
-    (tmp_path / "1.jpg").write_bytes(b"no picture")
-    shutil.copy(reproduce_mission / "Left" / "sim_L_12.jpg", tmp_path / "12.jpg")
-    context = context_of(tmp_path)
-    assert np.array_equal(context.any_picture(), context.left(12))
-    (tmp_path / "12.jpg").write_bytes(b"no picture")
-    with pytest.raises(ToktError, match="no left frame can be read"):
-        context_of(tmp_path).any_picture()
-
-
-def test_one_frame_alone_needs_another_ocean_image(reproduce_mission, context_of, tmp_path):
-    (tmp_path / "one").mkdir()
-    shutil.copy(reproduce_mission / "Left" / "sim_L_12.jpg", tmp_path / "one" / "12.jpg")
-    with pytest.raises(ToktError, match=r"one frame.*--ocean"):
-        _ = context_of(tmp_path / "one").scored
-    ocean = reproduce_mission / "Left" / "sim_L_2.jpg"
-    context = context_of(tmp_path / "one", ocean=ocean)
-    model = thesis_model("haralick", context.ocean, context.other)
-    found = judge_frame(FrameTask(12, context.mission.encoded(12)[0], None, [model]))
-    assert found.status["haralick"] == 1
 
 
 def test_the_exhibit_tells_of_each_method(reproduced, curves):
@@ -305,14 +254,6 @@ def test_scores_count_what_the_labels_say(context_of, reproduce_mission, monkeyp
     assert "1 of 3" in claim.found and "ALWAYS" in claim.why and "RIGHT" not in claim.why
 
 
-@pytest.mark.parametrize(
-    ("ranks", "agreement"),
-    [((0.99, 0.95), "YES"), ((0.99, 0.9), "PARTLY"), ((0.99, 0.5), "NO"), ((-0.99,), "NO")],
-)
-def test_the_worst_correlation_decides(ranks, agreement):
-    assert agreement_of_worst(ranks) is ClaimAgreement[agreement]
-
-
 def test_a_model_that_learnt_from_any_frame_is_told(reproduced, monkeypatch):
     """From one that is not in the sample, too; and one that says nothing is not held out."""
     number = 9
@@ -327,11 +268,6 @@ def test_a_model_that_learnt_from_any_frame_is_told(reproduced, monkeypatch):
         bundle = SimpleNamespace(label="m/1", content=content)
         monkeypatch.setattr("tokt_studies.thesis.methods.curves.read_bundle", lambda _, b=bundle: b)
         assert words in _model_method(reproduced).words
-
-
-def test_highest_is_where_the_curves_are_high_together():
-    curves = made_up({"one": [0, 2, 8, 1], "two": [0.0, 0.2, 0.1, 0.0], "zero": [0.0] * 4})
-    assert curves.highest() == 3
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,14 @@
 """Labels of the camera asked for: its own, else those that are carried from the left one."""
 
 import csv
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tokt.inference.verdict import CLEAR
 from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.simulation.rendering.patch_labels import MIN_COVERAGE, coverage
 from tokt_studies.simulation.rendering.raycast import View
 from tokt_studies.simulation.rendering.synthetic_mission import MissionScene
-from tokt_studies.thesis.methods.curves import TOKT_MODEL, TOKT_STEREO, _judge_sequence
 
 from .conftest import FRAMES
 
@@ -40,18 +37,6 @@ def test_left_labels_are_carried_to_a_camera_that_has_none(right):
     assert max(right.obstacle_patches, key=right.obstacle_patches.__getitem__) in range(10, 15)
 
 
-def test_the_left_map_has_left_labels_whatever_the_camera(right, reproduced):
-    assert np.array_equal(right.left_labelled[12], reproduced.truth(12))
-    assert not np.array_equal(right.truth(12), reproduced.truth(12))
-    assert np.array_equal(reproduced.left_labelled[12], reproduced.truth(12))
-
-
-def test_open_ocean_is_where_the_left_frame_is(right, reproduced):
-    """No right patch at the right edge is known to be clear."""
-    assert right.ocean_frames == reproduced.ocean_frames and right.ocean_frames
-    assert all((right.truth(number) != 1).all() for number in right.ocean_frames)
-
-
 def test_labels_of_its_own_come_first(reproduce_mission, context_of, tmp_path):
     file = tmp_path / "labels.csv"
     rows = [["mission", "camera", "frame", "row", "col", "label"]]
@@ -70,20 +55,3 @@ def test_without_a_calibration_nothing_is_carried_and_that_is_said(reproduce_mis
     assert not context.labels and not context.carried_labels
     said = "needs a calibration of the two cameras: none was given"
     assert lines == [f"no labels of right frames, nor carried from left ones: {said}"]
-
-
-@pytest.mark.parametrize(("name", "camera"), [(TOKT_MODEL, "right"), (TOKT_STEREO, "left")])
-def test_what_looks_through_one_camera_looks_through_the_one_asked_for(
-    reproduce_mission, reproduced, name, camera
-):
-    class Brightness:
-        """What is first in the pair."""
-
-        def judge(self, frame):
-            mean = float(frame.left.mean())
-            verdict = SimpleNamespace(status=CLEAR, mean=mean, distance_m=None)
-            return SimpleNamespace(verdict=verdict)
-
-    found = _judge_sequence(reproduce_mission, "right", (name, Brightness))[1]
-    picture = {"right": reproduced.right, "left": reproduced.left}[camera](12)
-    assert found["mean"][12] == picture.mean()

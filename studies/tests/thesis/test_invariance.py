@@ -20,7 +20,6 @@ from tokt_studies.thesis.exhibits.invariance import (
     haralick_claim,
     invariance,
     lbp_claim,
-    turned,
 )
 
 pytestmark = pytest.mark.xdist_group("reproduce")
@@ -62,18 +61,6 @@ def test_only_what_changes_a_verdict_is_counted(monkeypatch):
     assert changed_shares(context_with(300), [1]).max().max() == 0
     with pytest.raises(ToktError, match="can be read"):
         changed_shares(context_with(70), [])
-
-
-def test_a_patch_is_turned_about_its_middle():
-    """A cross of one patch stays in it, and a full turn changes nothing."""
-    picture = np.zeros((270, 360), np.uint8)
-    picture[40:41, 40:68] = 255
-    found = turned(90)(picture)
-    assert found[27:54, 36:72].any() and not found[54:].any() and not found[:27].any()
-    assert (np.ptp(np.nonzero(found[27:54, 36:72])[0]) > 20) and (
-        np.ptp(np.nonzero(found[27:54, 36:72])[1]) <= 1
-    )
-    assert (turned(0)(picture) == picture).all()
 
 
 def shares_of(lbp: list[float], haralick: list[float]) -> pd.DataFrame:

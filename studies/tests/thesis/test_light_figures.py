@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
 from tokt_studies.thesis.exhibits import light_figures
 from tokt_studies.thesis.exhibits.dot_figures import MethodPrediction, by_disparity, said_by_patches
 from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
@@ -96,13 +95,6 @@ def test_bad_lighting_of_a_frame_of_the_mission(judged, judge):
     assert "no labels of both" in table.loc["tokt texture", "not judged"]
 
 
-def test_bad_lighting_refuses_a_mask_of_another_size(lit, tmp_path, judge):
-    """Which would be a mask of another picture."""
-    files = _write(tmp_path, lit, lit.mask[:, :-20])
-    with pytest.raises(ToktError, match=r"mask.png is 340x271, its image .*picture.png is 360x271"):
-        judge(**files)
-
-
 def test_bad_lighting_without_a_mask_scores_nothing(lit, tmp_path, judge):
     """Predictions are shown; there is no figure of merit, and a black frame is not clear to us."""
     black = replace(lit, left=np.zeros_like(lit.left))
@@ -130,17 +122,6 @@ def test_bad_lighting_rendered(judge, monkeypatch):
     assert sweep["Haralick"][0] > 0.7
     assert np.isnan(sweep["tokt texture"][1])
     assert np.isnan(sweep["tokt stereo"][1])
-
-
-def test_less_light_changes_the_picture_and_never_the_mask(scene, lit):
-    darker = scene.at(by_lamp(0.05))
-    assert (darker.mask == lit.mask).all()
-    assert 5 * darker.left.mean() < lit.left.mean()
-    tower = lit.mask > 0
-    assert 5 * darker.left[tower].std() < lit.left[tower].std()
-    again = LitScene(WIDTH, light_figures.SEED).at(by_lamp(0.5))
-    assert (again.left == lit.left).all()
-    assert (again.right == lit.right).all()
 
 
 def test_the_mask_is_of_what_is_in_the_picture(lit):

@@ -54,15 +54,6 @@ def test_the_sweep_is_of_the_thesiss_block_matching():
     assert sweep[N_DISPARITIES_PX][0] > 1
 
 
-def test_matches_fall_where_the_search_leaves_the_picture():
-    """Texture at the left edge: a longer search has no room there."""
-    left = np.zeros(SIZE, np.uint8)
-    left[300:500, 60:200] = np.random.default_rng(3).integers(0, 255, (200, 140))
-    sweep = matched_by_number([(left, left)])
-    assert sweep[SWEEP[0]][0] > 2 * sweep[SWEEP[-1]][0]
-    assert sweep_claim(sweep).agreement is ClaimAgreement.PARTLY
-
-
 @pytest.mark.parametrize(
     ("shares", "agreement"),
     [
@@ -103,18 +94,6 @@ def test_an_obstacle_at_the_right_edge_is_cut_off(reproduced, monkeypatch):
     outside = same.assign(**{"right, in the margin": 0.0})
     assert edge_claim(outside).agreement is ClaimAgreement.NO
     assert edge_claim(seen[:0]).agreement is ClaimAgreement.UNAVAILABLE
-
-
-def test_the_pair_is_moved_to_the_edge(reproduced, monkeypatch):
-    """What is in the map is the obstacle's own brightness, so it is where the patches are moved."""
-    columns = []
-
-    def brightness(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        columns.append(float(np.average(np.arange(left.shape[1]), weights=left.mean(axis=(0, 2)))))
-        return np.zeros((1020, 1360), np.uint8)
-
-    mirrored(reproduced, monkeypatch, brightness)
-    assert columns[0] == pytest.approx(359 - columns[1], abs=1e-6)
 
 
 def test_the_exhibit(reproduced, monkeypatch):

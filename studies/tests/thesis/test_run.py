@@ -21,8 +21,7 @@ from tokt_studies.thesis.exhibits.exhibit import (
     Table,
 )
 from tokt_studies.thesis.inputs import ReproduceRequest
-from tokt_studies.thesis.report import plain
-from tokt_studies.thesis.run import EXHIBITS, Planned, run_reproduce
+from tokt_studies.thesis.run import Planned, run_reproduce
 
 pytestmark = pytest.mark.xdist_group("reproduce")
 PNG = b"\x89PNG\r\n\x1a\n a picture"
@@ -107,26 +106,6 @@ def test_a_run_that_fails_late_leaves_no_results(reproduce_mission, tmp_path, mo
     with pytest.raises(OSError, match="No space"):
         run_reproduce(request, print, lambda items, total, what: items, PLANNED)
     assert not (tmp_path / "results.json").exists()
-
-
-def test_every_exhibit_of_the_task_is_planned():
-    sections = " ".join(planned.section for planned in EXHIBITS).lower()
-    for figure in ("3.8", "3.10", "3.11", "3.12", "3.16", "3.19", "3.17", "3.20", "3.22", "3.24",
-                   "5.1", "5.3", "5.5", "5.6", "5.8", "6.1", "tables 5.1 to 5.4"):  # fmt: skip
-        assert figure in sections
-    assert len({planned.key for planned in EXHIBITS}) == len(EXHIBITS)
-
-
-def test_a_page_that_cannot_be_made_costs_only_itself(tmp_path):
-    lines: list[str] = []
-    run._write_page({"mission": {}, "about": [], "exhibits": []}, tmp_path, lines.append)
-    assert len(lines) == 1 and lines[0].startswith("no thesis.md: ")
-    assert not (tmp_path / "thesis.md").exists()
-
-
-def test_values_become_plain():
-    values = [pd.NA, float("nan"), True, pd.Series([3]).iloc[0], 0.5, "x"]
-    assert [plain(value) for value in values] == [None, None, True, 3, 0.5, "x"]
 
 
 def test_mistakes_are_one_line(reproduce_mission, tmp_path, run_tokt):

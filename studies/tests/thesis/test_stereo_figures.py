@@ -16,7 +16,6 @@ from tokt.inference.policy.temporal_cues import GROWING, SHRINKING, STEADY
 from tokt.inference.verdict import UNKNOWN
 from tokt_studies.baselines.slic import SlicTexture
 from tokt_studies.baselines.thesis_models import thesis_model
-from tokt_studies.baselines.thesis_stereo import thesis_cloud
 from tokt_studies.simulation.rendering.lighting import expose
 from tokt_studies.simulation.rendering.raycast import View
 from tokt_studies.simulation.rendering.sensor import develop
@@ -27,13 +26,12 @@ from tokt_studies.thesis.exhibits import (
     synchrony_figure,
     trend_figure,
 )
-from tokt_studies.thesis.exhibits.disparity_figures import KINDS, OWN, exchange
+from tokt_studies.thesis.exhibits.disparity_figures import KINDS
 from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
 from tokt_studies.thesis.exhibits.synchrony_figure import offset_of
 from tokt_studies.thesis.exhibits.trend_figure import (
     depth_trend,
     means_of_patches,
-    means_of_stereo,
     score,
     trend_against_depth,
 )
@@ -162,32 +160,6 @@ def test_a_cloud_is_usable_by_place_and_not_by_distance(place, rank, spread, agr
     assert disparity_figures.cloud_claim(numbers).agreement is ClaimAgreement[agreement]
 
 
-def test_right_frames_that_are_wrong_from_the_start_are_no_stereo(context, monkeypatch):
-    upright = context.right
-    monkeypatch.setattr(context, "right", lambda number: upright(number)[::-1].copy())
-    monkeypatch.setattr(disparity_figures, "disparity_map", lambda left, right: left[..., 0])
-    rows = exchange(context, [ROW[0], APART])
-    assert rows[rows.right == OWN].ours_matched.max() < 0.0125
-
-
-def test_a_map_that_hangs_on_the_right_frame_is_told_as_one(context, monkeypatch):
-    def both(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        return np.where(right[..., 1] > np.median(right), 200, 0).astype(np.uint8)
-
-    monkeypatch.setattr(disparity_figures, "disparity_map", both)
-    rows = exchange(context, [ROW[0], APART])
-    assert ((rows.thesis_changed > 0.05) == (rows.right != OWN)).all()
-
-
-def test_the_cloud_of_a_map():
-    stretched = np.zeros((1024, 1360), np.uint8)
-    stretched[:, 1250:1260] = 255
-    stretched[100:110, 700:710] = 57
-    points, matched = thesis_cloud(stretched)
-    assert len(points) == matched.sum() == 10340
-    assert set(np.round(points[:, 2], 4)) == {-1.0, -round(57 / 255, 4)}
-
-
 def test_without_a_calibration_it_is_said_what_is_missing(context):
     context.__dict__["_cameras"] = (None, "none was given")
     for make in (
@@ -232,16 +204,6 @@ def test_an_offset_is_measured_and_one_that_is_large_is_told(true):
     pair = {synchrony_figure.AS_IT_IS: found, synchrony_figure.ON_PURPOSE: control}
     wanted = ClaimAgreement.YES if true == 0 else ClaimAgreement.NO
     assert synchrony_figure.claim_of(pair).agreement is wanted
-
-
-def test_right_rows_of_other_frames_tell_no_offset():
-    rows = rows_moved_by(0.0)
-    mixed = rows.assign(right=np.random.default_rng(2).permutation(rows.right))
-    found = offset_of(mixed)
-    pair = dict.fromkeys((synchrony_figure.AS_IT_IS, synchrony_figure.ON_PURPOSE), found)
-    assert synchrony_figure.claim_of(pair).agreement is ClaimAgreement.UNAVAILABLE
-    with pytest.raises(ToktError, match="3 frames have points"):
-        offset_of(rows[rows.frame < 3])
 
 
 def test_superpixels_and_grid_see_the_same_with_one_classifier(context, monkeypatch):
@@ -315,12 +277,6 @@ def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time():
     assert found["contact_ratio_50"] == pytest.approx(1, abs=0.05)
 
 
-def test_what_leaves_the_picture_has_no_time_to_contact():
-    depth = approach()
-    found = score(trend_against_depth(means(depth).assign(whole=False), depth))
-    assert found["contacts"] == 0 and np.isnan(found["contact_ratio_50"])
-
-
 def test_means_of_patches_are_of_judged_frames_and_whole_inside_the_picture():
     inside, cut = np.zeros((2, 10, 10), bool)
     inside[4:6, 4:6] = cut[4:6, :2] = True
@@ -334,18 +290,6 @@ def test_means_of_patches_are_of_judged_frames_and_whole_inside_the_picture():
     assert seen["whole"].tolist() == [True, False, False, False]
 
 
-def test_a_turned_sign_and_shuffled_depths_are_found_out():
-    depth = approach()
-    turned = score(trend_against_depth(means(depth, 2.0), depth))
-    assert turned["sign_agreement"] == 0 and turned["missed_approach"] > 10
-    assert turned["rank_correlation"] == pytest.approx(1, abs=1e-3)
-    order = np.random.default_rng(1).permutation(len(depth))
-    mixed = pd.Series(depth.to_numpy()[order], depth.index)
-    shuffled = score(trend_against_depth(means(depth), mixed))
-    assert shuffled["sign_agreement"] is None or shuffled["sign_agreement"] < 0.8
-    assert abs(shuffled["rank_correlation"] or 0) < 0.5
-
-
 def test_how_the_depth_changes():
     t = np.arange(12) * STEP_S
     for speed, trend in ((-0.5, GROWING), (0.5, SHRINKING), (0.02, STEADY)):
@@ -354,15 +298,6 @@ def test_how_the_depth_changes():
     assert depth_trend(t, 5 - 0.5 * (t - t[-1])) == (GROWING, pytest.approx(10))
     assert depth_trend(t, np.where(t == t[-1], np.nan, 5.0)) == (None, None)
     assert depth_trend(t[-3:], np.full(3, 5.0)) == (None, None)
-
-
-def test_stereo_gives_the_true_depths_to_hold_against(context, dive):
-    assert context.calibration is not None
-    frames = [OPEN[0], *ROW[:3]]
-    seen, depth = means_of_stereo(context, context.calibration, frames)
-    assert list(seen.index) == frames and np.isnan(depth[OPEN[0]])
-    for number in ROW[:3]:
-        assert depth[number] == pytest.approx(dive.depth_m[number], rel=0.05)
 
 
 @pytest.fixture

@@ -10,10 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
-from tokt.inference.verdict import verdict_from_mask
-from tokt_studies.baselines.thesis_centre import leaves_frame, thesis_centre
-from tokt_studies.baselines.thesis_stereo import LEFT_CAMERA, undistorted
+from tokt_studies.baselines.thesis_centre import leaves_frame
 from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.thesis.exhibits import centre_figures, training_image_figures
 from tokt_studies.thesis.exhibits.centre_figures import (
@@ -22,14 +19,7 @@ from tokt_studies.thesis.exhibits.centre_figures import (
     centre_and_box,
     fineness_claim,
 )
-from tokt_studies.thesis.exhibits.disparity_figures import at_thesis_size
-from tokt_studies.thesis.exhibits.dot_figures import (
-    alike_claim,
-    by_thesis,
-    dot_claim,
-    prediction_dots,
-    said_by_patches,
-)
+from tokt_studies.thesis.exhibits.dot_figures import alike_claim, by_thesis, prediction_dots
 from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
 from tokt_studies.thesis.exhibits.patch_figures import histogram_claim, patch_histograms
 from tokt_studies.thesis.exhibits.training_image_figures import (
@@ -41,8 +31,6 @@ from tokt_studies.thesis.exhibits.training_image_figures import (
     training_images,
     variety_claim,
 )
-from tokt_studies.thesis.light_scene import BLUE, LitScene
-from tokt_studies.thesis.methods.curves import THESIS, Curves
 from tokt_studies.thesis.methods.mission_models import TOKT_TEXTURE, learnt_from_labels
 from tokt_studies.thesis.patch_scores import (
     PatchScore,
@@ -149,16 +137,6 @@ def test_the_thesiss_box_is_a_sum_and_the_corrected_one_a_union():
     assert leaves_frame((0, 0, WIDTH, HEIGHT), HEIGHT, WIDTH) is False
 
 
-def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high():
-    """Its starting corner takes the height for the width."""
-    mask = white(np.s_[100:121, 320:341])
-    assert thesis_centre(mask).box == (HEIGHT, 98, 25, 25)
-    corrected = verdict_from_mask(mask, "mask").box
-    assert corrected == (320, 100, 21, 21)
-    empty = thesis_centre(np.zeros_like(mask))
-    assert (empty.cx, empty.cy, empty.box, empty.contours) == (0, 0, None, 0)
-
-
 @pytest.fixture
 def one_photo(monkeypatch):
     """Fewer images to choose from, for speed."""
@@ -240,14 +218,6 @@ def test_varied_images_are_better_to_learn_from_or_not(f1, agreement):
     assert variety_claim(pd.DataFrame(columns)).agreement is ClaimAgreement[agreement]
 
 
-def test_rows_of_one_texture_are_alike():
-    rng = np.random.default_rng(1)
-    rows = rng.random((1, 12)) + 1e-3 * rng.random((9, 12))
-    same = Image("same", "", np.zeros((2, 2), np.uint8), {"lbp_10_5": rows})
-    varied = Image("varied", "", same.picture, {"lbp_10_5": rng.random((9, 12))})
-    assert same.alike() > 0.99 > 0.3 > varied.alike()
-
-
 def test_patch_histograms(context, drawn):
     """The tower's patch looks unlike the water's."""
     exhibit = patch_histograms(context)
@@ -292,18 +262,6 @@ def test_prediction_dots(context, drawn):
     assert (pooled_score(moved, context.truths).f1 or 0.0) < 0.5
 
 
-def test_dots_on_the_structure_agree_and_moved_ones_do_not(context):
-    """By the labels; where nothing is labelled nothing is said."""
-    frame, truth = context.left(context.structure_frame), context.truth(context.structure_frame)
-    said = [
-        said_by_patches("lbp_10_5", "LBP", THESIS, "", moved.ravel(), frame)
-        for moved in ((truth == 1), np.roll((truth == 1).reshape(10, 10), 3, axis=1))
-    ]
-    assert dot_claim(said[:1], truth, {}).agreement is ClaimAgreement.YES
-    assert dot_claim(said, truth, {}).agreement is not ClaimAgreement.YES
-    assert dot_claim(said, None, {}).agreement is ClaimAgreement.UNAVAILABLE
-
-
 @pytest.mark.parametrize(
     ("marked", "agreement"), [(10, "YES"), (6, "PARTLY"), (2, "NO"), (0, "UNAVAILABLE")]
 )
@@ -323,20 +281,6 @@ def test_masks_are_alike_by_what_both_mark(marked, agreement):
 )
 def test_a_mask_is_finer_than_blocks_or_not(fitting, agreement):
     assert fineness_claim(fitting).agreement is ClaimAgreement[agreement]
-
-
-def test_masks_are_held_against_the_exact_one(monkeypatch):
-    """What stands for the thesis's map is what is there, then everything, then nothing."""
-    monkeypatch.setattr(centre_figures, "dilated", lambda mask: mask)
-    pair = LitScene(WIDTH, 1).at(BLUE)
-    exact = undistorted(at_thesis_size(pair.mask), LEFT_CAMERA)
-    found = []
-    for said in (np.where(exact >= 128, 255, 0), np.full_like(exact, 255), np.zeros_like(exact)):
-        monkeypatch.setattr(centre_figures, "thesis_map", lambda *_, said=said: said)
-        found += centre_figures.fitting_the_exact_mask()
-    (exactly, blocks), (everything, same), (nothing, _) = found
-    assert exactly == 1 and nothing == 0 and blocks == same
-    assert 0 < everything < 0.5 < blocks < 1, "blocks beat a mask that is no good"
 
 
 def test_the_box_is_around_the_obstacle_or_not():
@@ -364,14 +308,6 @@ def test_centre_and_box(context, drawn):
     assert f"Of {len(ways)} boxes {leave} leave the frame" in exhibit.claims[0].found
 
 
-def test_centre_and_box_of_nothing(context, context_of):
-    """A mission in which no method sees anything has nothing to show, and says why."""
-    nothing = Curves(pd.DataFrame(), pd.DataFrame(), {})
-    given = {"structure_frame": 1, "thesis": context.thesis, "curves": nothing}
-    with pytest.raises(ToktError, match="frame 1"):
-        centre_and_box(context_of(context.mission.path, given))
-
-
 def test_our_model_learns_from_nothing_near_the_picture(context, monkeypatch):
     """A dark frame of the mission itself is held out with its embargo."""
     read: list[int] = []
@@ -387,9 +323,3 @@ def test_our_model_learns_from_nothing_near_the_picture(context, monkeypatch):
     learnt_from_labels(context, near=10)
     assert read
     assert all(abs(number - 10) > 5 for number in read)
-
-
-def test_our_model_needs_labels_to_learn_from(reproduce_mission, context_of):
-    """Without them there is no model, and no word of clear."""
-    with pytest.raises(ToktError, match="no labels of both"):
-        learnt_from_labels(context_of(reproduce_mission, {"labels": None}))

@@ -12,7 +12,6 @@ from tokt.features.common.errors import ToktError
 from tokt_studies.thesis.exhibits.exhibit import Claim, ClaimAgreement, Exhibit, Table
 from tokt_studies.thesis.page import template_text, thesis_page, write_thesis_page
 from tokt_studies.thesis.report import exhibit_json
-from tokt_studies.thesis.run import EXHIBITS
 
 ROOT = Path(__file__).parents[3]
 
@@ -118,23 +117,6 @@ def test_the_run_times_table_is_on_the_page_and_no_other():
     assert f"Caption of {TIMED}.\n" in page and "Caption of a." not in page
     assert f"\nTheirs, of {TIMED}. Here: {TIMED} 70.1.\n" in page and "Theirs, of a" not in page
     assert "| method | ms |\n|---|---|\n| a\\|b | 0.1235 |\n| c |  |\n" in page
-
-
-def test_what_the_page_shows_of_is_made():
-    assert TIMED in {planned.key for planned in EXHIBITS}
-
-
-@pytest.mark.parametrize(
-    ("template", "said"),
-    [
-        ("{{ gone }}", "'gone' is undefined"),
-        ("{{ run.mission.gone }}", "gone"),
-        ("{{ plain('a' }}", "cannot be made"),
-    ],
-)
-def test_an_unknown_placeholder_is_an_error(template, said, tmp_path):
-    with pytest.raises(ToktError, match=said):
-        thesis_page(results_of(), template)
 
 
 def test_a_table_that_the_run_lacks_is_an_error_and_writes_nothing(tmp_path):

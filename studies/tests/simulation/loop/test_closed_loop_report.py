@@ -1,7 +1,6 @@
 """What runs came to, on tracks drawn by hand; maps and the page: what is in the data is on them."""
 
 import csv
-import json
 import math
 from dataclasses import replace
 
@@ -9,11 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tokt.inference.verdict import OBSTACLE
 from tokt_studies.simulation.loop.autopilot import Mode
 from tokt_studies.simulation.loop.track import Track
 from tokt_studies.simulation.loop.vehicle import State
-from tokt_studies.simulation.report.maps import Chart, animation, overview, still
+from tokt_studies.simulation.report.maps import Chart, overview, still
 from tokt_studies.simulation.report.outcome import bounds, outcome_of, table
 from tokt_studies.simulation.report.report import write_report
 
@@ -96,19 +94,6 @@ def test_the_table_has_a_row_for_each_scene_and_method():
     assert math.isnan(rows.loc[("snow", "m")]["clearance_min_m"])
 
 
-def test_json_has_no_number_that_json_has_not():
-    outcome = outcome_of(recorded(STRAIGHT, [math.inf] * 3, reached=False))
-    shown = json.loads(json.dumps(outcome.to_json(), allow_nan=False))
-    assert shown["clearance_m"] is None and shown["detour"] is None and shown["seed"] == 3
-
-
-def test_a_track_knows_where_frames_were_taken():
-    frames = [(0.5, 1, True), (1.5, 0, True), (1.75, 1, True)]
-    track = recorded(STRAIGHT, [3.0, 1.0, 2.0], frames)
-    assert track.places(OBSTACLE)[:, 2] == pytest.approx([2.0, 7.0])
-    assert track.nearest == 1
-
-
 def track(modes, status, least_m, seed=1, method="m"):
     """Straight north past something, a mode for every stretch of a second."""
     count = 20 * len(modes)
@@ -150,18 +135,6 @@ def test_the_map_shows_modes_verdicts_current_and_the_nearest_place(chart):
     assert pixels(hit, RED) > 80, "the hull where it hit"
 
 
-def test_the_animation_moves_and_its_track_grows(chart, tmp_path):
-    file = tmp_path / "run.webp"
-    file.write_bytes(animation(track([Mode.TRANSIT] * 3, 1, 1.5), chart))
-    done, film = cv2.imreadanimation(str(file))
-    assert done and len(film.frames) >= 3
-    # WebP's colours are about right.
-    blue = [pixels(frame[:, :, :3], BLUE, 60) for frame in film.frames]
-    red = [pixels(frame[:, :, :3], RED, 60) for frame in film.frames]
-    assert blue[0] < blue[1] < blue[-1]
-    assert red[0] < red[1] < red[-1]
-
-
 def test_the_overview_has_every_run_and_marks_those_that_hit(chart):
     good = track([Mode.TRANSIT] * 3, 0, 1.5)
     hit = track([Mode.TRANSIT] * 3, 0, 0.4)
@@ -189,9 +162,3 @@ def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(chart,
     assert [row["collided"] for row in rows] == ["False", "False", "True"]
     assert len(list(csv.DictReader((tmp_path / "table.csv").open()))) == 2
     assert "went back, nothing in view" in page and "<td>-</td>" not in page
-
-
-def test_no_false_avoidance_is_told_where_the_ground_is_always_in_view(chart, tmp_path):
-    run = replace(track([Mode.TRANSIT] * 2, 1, 2.0), scene="floor")
-    write_report(tmp_path, [run], [chart], [])
-    assert "<td>-</td>" in (tmp_path / "report.html").read_text("utf-8")

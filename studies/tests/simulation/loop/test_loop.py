@@ -114,17 +114,6 @@ def test_the_altitude_is_held_over_a_floor_and_the_depth_is_not(monkeypatch):
     assert np.ptp(track.position[:, 1]) > 0.6
 
 
-def test_the_pilot_flies_back_and_the_planner_goes_on(monkeypatch):
-    scene = replace(draw_scene("empty", SEED, WIDTH), pilot_s=(2.0, 10.0))
-    monkeypatch.setattr(flight, "MAX_S", 20.0)
-    track = fly(scene, "disparity")
-    flown = track.mode == Mode.PILOT
-    assert flown.any() and 2.0 < track.t_s[flown].min() < 6.0 and track.t_s[flown].max() < 10.0
-    taken, back = track.position[flown][0], track.position[flown][-1]
-    assert back[2] < taken[2] - 1.0 and back[1] < taken[1] - 0.25, "back, and up"
-    assert track.mode[track.t_s > 12.0][-1] == Mode.TRANSIT
-
-
 @pytest.fixture
 def unpainted(monkeypatch):
     """Solids without growth and texture, which are nothing to hit and take 0.2 s to draw."""

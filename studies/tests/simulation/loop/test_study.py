@@ -64,20 +64,6 @@ def test_a_study(model, tmp_path, monkeypatch):
     assert 'src="http' not in page and (out / "maps" / "tower-texture.png").is_file()
 
 
-def test_methods_without_a_model_need_none_and_the_seeds_are_said(tmp_path, monkeypatch):
-    monkeypatch.setattr(flight, "MAX_S", 0.5)
-    monkeypatch.setattr(study, "train_default_model", None)
-    about = []
-    monkeypatch.setattr(study, "write_report", lambda *given: about.extend(given[-1]))
-    out = tmp_path / "out"
-    command = ["simulate", out, "--closed-loop", "--scenes", "empty", "--methods", "none"]
-    ran = succeeds(*command, "--runs", 2, "--seed", 999, "--jobs", 1)
-    split = "Seeds 999 to 1000; planner and scenes were worked out on seeds from 1000 on. Some of"
-    assert split in ran.out and about[0].startswith("No model.") and about[1].startswith(split)
-    assert json.loads((out / "results.json").read_text())["model"] is None
-    assert not (out / "model.tokt").exists()
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -57,12 +57,6 @@ def test_what_drifts_goes_with_the_water_however_it_turns():
     assert vehicle.state.position == pytest.approx(10.0 * np.array(current), abs=1e-5)
 
 
-def test_at_rest_in_a_current_it_is_carried_along_until_that_ends():
-    carried = run(Vehicle(AT_REST, (0.3, 0.0, 0.0)), 60.0, Forces(), 0.2).state
-    assert carried.velocity_world[0] == pytest.approx(0.3, abs=0.04)
-    assert run(Vehicle(carried), 60.0, Forces(), 0.2).state.velocity_world[0] < 0.04
-
-
 def test_thrusters_have_an_end_and_take_their_time():
     vehicle = Vehicle(AT_REST)
     vehicle.step(STEP_S, Forces(surge=1e6))
@@ -71,17 +65,6 @@ def test_thrusters_have_an_end_and_take_their_time():
     assert vehicle.applied.surge == MINERVA.greatest.surge
     vehicle.step(STEP_S, Forces(surge=-1e6))
     assert vehicle.applied.surge > 0.9 * MINERVA.greatest.surge
-
-
-def test_half_the_step_changes_next_to_nothing():
-    """Runge-Kutta 4 at 20 Hz; a first-order method is off by centimetres here."""
-
-    def end(step_s):
-        start = State(np.zeros(3), 0.3, np.array([0.6, 0.2, 0.0]), 0.4)
-        vehicle = Vehicle(start, (0.2, 0.0, 0.1))
-        return run(vehicle, 4.0, Forces(), step_s).state.position
-
-    assert np.abs(end(0.05) - end(0.0125)).max() < 1e-6
 
 
 def steer(vehicle, target, seconds):
@@ -122,8 +105,3 @@ def test_errors_are_taken_in_the_body_fixed_frame():
     north = Setpoint(np.array([0, 0, 3.0]), 1.57, Mode.AVOID)
     forces = Autopilot().forces(at_rest(math.pi / 2), north)
     assert forces.sway < -50 and abs(forces.surge) < 1
-
-
-def test_a_speed_of_nothing_holds_it():
-    states = steer(Vehicle(AT_REST), Setpoint(np.array([0, 0, 9.0]), 0.0, Mode.TRANSIT, 0.0), 10.0)
-    assert np.abs(states[-1].position).max() < 1e-6
