@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.calls import succeeds
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS
 
@@ -19,7 +18,6 @@ TRAINING_TOOLS = (
     *("matplotlib", "pyarrow", "fastapi", "jinja2", "pydantic"),
 )
 pytestmark = pytest.mark.xdist_group("wheel")  # it is built once
-SPLIT = ("--folds", 3, "--embargo", 1)
 
 
 def _run(*command):
@@ -51,14 +49,11 @@ def slim_python(wheel, tmp_path_factory):
     return python
 
 
-def test_plain_install_runs_a_bundle(slim_python, workspace, tiny, tmp_path):
+def test_plain_install_runs_a_bundle(slim_python, workspace, tiny, tiny_bundle, tmp_path):
     find = f"print([n for n in {TRAINING_TOOLS!r} if importlib.util.find_spec(n)])"
     assert _run(slim_python, "-c", f"import importlib.util; {find}").stdout == "[]\n"
 
-    mission, bundle, space = tiny.path, tmp_path / "m.tokt", ("--workspace", workspace)
-    succeeds("train", "tiny", "--extractor", "haralick", *SPLIT, "--name", "m", *space)
-    succeeds("export", "m", "-o", bundle, *space)
-
+    mission, bundle, space = tiny.path, tiny_bundle, ("--workspace", workspace)
     lines = _judged(slim_python, bundle, mission, tmp_path / "log.jsonl")
     assert [line["frame"] for line in lines] == open_mission(mission).frames()
     assert {line["status"] for line in lines} == {0, 1}
@@ -77,7 +72,7 @@ print([policy.judge(frame).verdict.status for frame in tokt.open_source({str(mis
 
     for missing in (
         ("train", "tiny", "--extractor", "lbp", *space),
-        ("evaluate", "m", "--mission", mission, *space),
+        ("evaluate", "tiny-lbp", "--mission", mission, *space),
     ):
         refused = _run(slim_python, "-m", "tokt", *missing)
         assert refused.returncode == 2
