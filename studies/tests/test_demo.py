@@ -3,8 +3,6 @@
 import json
 import re
 
-import pytest
-
 from tests.calls import refused, succeeds
 
 
@@ -66,19 +64,3 @@ def test_an_earlier_demo_survives_a_wrong_command(own_tiny, tmp_path):
     said = refused("does not exist", "demo", *given, "--labels", tmp_path / "none.csv")
     assert said.count("\n") == 1
     assert (out / "report.html").read_text() == "earlier"
-
-
-@pytest.mark.mission
-def test_real_demo(mission_dir, tmp_path):
-    out = tmp_path / "out"
-    # A quarter of the labelled frames: water, the first sight of the tower, its closer view.
-    labels = tmp_path / "labels.csv"
-    lines = (mission_dir / "labels.csv").read_text().splitlines(keepends=True)
-    wanted = {*range(70, 100), *range(132, 162)}
-    labels.write_text("".join(x for x in lines if x[:3] == "mis" or int(x.split(",")[2]) in wanted))
-    ran = succeeds("demo", "--json", "--mission", mission_dir, "--labels", labels, "--out", out)
-    result = json.loads(ran.out)
-    _check(result, out)
-    assert not result["rendered"]
-    champion = result["held_back"][result["champion"]]
-    assert champion["patch"]["f1"] > 0.75

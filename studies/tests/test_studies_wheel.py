@@ -52,9 +52,9 @@ def test_its_commands_join_those_of_an_installed_tokt(studies_wheel, wheel, tmp_
     helped = installed.run(installed.python, "-m", "tokt", "--help")
     assert re.search(r"^Studies:\n  demo .*\n  simulate .*\n  reproduce .*\n  bench ", helped, re.M)
     dive = tmp_path / "dive"
-    options = ("--frames", "12", "--width", "360", "--jobs", "1")
+    options = ("--frames", "2", "--width", "360", "--jobs", "1")
     said = installed.run(installed.python, "-m", "tokt", "simulate", dive, *options)
-    assert "12 stereo pairs of 360x271" in said and (dive / "labels.csv").is_file()
+    assert "2 stereo pairs of 360x271" in said and (dive / "labels.csv").is_file()
 
 
 def test_the_public_name_of_tokt_is_that_of_the_studies():

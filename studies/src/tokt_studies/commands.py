@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 ProcessesOption = Annotated[
     int | None, Option("--jobs", help="Processes. Default: one per core.", min=1)
 ]
+File = Path | None
 _NOT_EXACT = 1
 _LoopOption = partial(Option, rich_help_panel="Closed loop")
 _ImageOption = partial(Option, metavar="IMAGE", rich_help_panel="Images")
@@ -33,9 +34,9 @@ _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model", "planner")
 
 def demo(
     mission: Annotated[
-        Path | None, Option(metavar="[NAME=]DIR", help="Mission to use. Default: a rendered one.")
+        File, Option(metavar="[NAME=]DIR", help="Mission to use. Default: a rendered one.")
     ] = None,
-    labels: Annotated[Path | None, Option(help="Label file of the mission.")] = None,
+    labels: Annotated[File, Option(help="Label file of the mission.")] = None,
     out: Annotated[Path, Option(help="Output folder; emptied first.")] = Path("demo-out"),
     frames: Annotated[int, Option(help="Stereo pairs of the rendered mission.", min=60)] = 120,
     width: Annotated[
@@ -94,7 +95,7 @@ def simulate(
     ] = None,
     runs: Annotated[int, _LoopOption(help="Number of runs of each scene and method.")] = 5,
     model: Annotated[
-        Path | None, _LoopOption(help="Model to fly. Default: one trained on rendered missions.")
+        File, _LoopOption(help="Model to fly. Default: one trained on rendered missions.")
     ] = None,
     planner: Annotated[
         str,
@@ -179,33 +180,28 @@ def reproduce(
         Option("-o", "--output", metavar="DIR", help="Folder for the report, figures and tables."),
     ],
     ocean: Annotated[
-        Path | None, Option(help="The thesis's image of open ocean. Default: an early frame.")
+        File, Option(help="The thesis's image of open ocean. Default: an early frame.")
     ] = None,
     other: Annotated[
-        Path | None,
-        Option(help="The thesis's image of anything else. Default: a rendered texture."),
+        File, Option(help="The thesis's image of anything else. Default: a rendered texture.")
     ] = None,
     picture: Annotated[
-        Path | None,
+        File,
         _ImageOption(help="Image in bad light for figures 5.6 to 5.8. Default: a rendered river."),
     ] = None,
     picture_mask: Annotated[
-        Path | None,
-        _ImageOption(help="Mask of --picture drawn by a person: white where an obstacle is."),
+        File, _ImageOption(help="Mask of --picture drawn by a person: white where an obstacle is.")
     ] = None,
     calibration: Annotated[
-        Path | None, Option(help="Stereo calibration. Default: calibrate from the frames.")
+        File, Option(help="Stereo calibration. Default: calibrate from the frames.")
     ] = None,
     camera: Annotated[
         str, Option(help="left or right: the texture methods' camera. Left labels serve both.")
     ] = "left",
     labels: Annotated[
-        Path | None,
-        Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one."),
+        File, Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one.")
     ] = None,
-    model: Annotated[
-        Path | None, Option(help="Bundle (.tokt) that judges the frames as well.")
-    ] = None,
+    model: Annotated[File, Option(help="Bundle (.tokt) that judges the frames as well.")] = None,
     sample: Annotated[
         int, Option(help="Number of frames for slow methods, spread over the mission.", min=1)
     ] = 12,
@@ -245,14 +241,13 @@ def _print_reproduced(results: dict[str, Any], out: Path) -> None:
 
 def bench(
     mission: Annotated[
-        Path | None,
-        Option(metavar="[NAME=]DIR", help="Mission to measure on. Default: a rendered one."),
+        File, Option(metavar="[NAME=]DIR", help="Mission to measure on. Default: a rendered one.")
     ] = None,
     labels: Annotated[
-        Path | None, Option(help="Label file of the mission. Default: its labels.csv.")
+        File, Option(help="Label file of the mission. Default: its labels.csv.")
     ] = None,
     calibration: Annotated[
-        Path | None,
+        File,
         Option(
             metavar="FILE",
             help="Stereo calibration. Default: calibration.yml in the mission or beside it.",
@@ -274,6 +269,7 @@ def bench(
     if calibration and mission is None:
         raise ToktError("--calibration goes together with --mission")
     from tokt.training.calibration.any_form import read_calibration_file
+    from tokt_studies.speed.paired_timing import BenchRequest
     from tokt_studies.speed.report import print_table
     from tokt_studies.speed.run import FULL, QUICK, run_bench
 
@@ -281,7 +277,7 @@ def bench(
     if frames is not None:
         extent = replace(extent, compared=frames)
     known = read_calibration_file(calibration, say) if calibration else None
-    found = run_bench(out, mission, labels, known, extent, progress, say)
+    found = run_bench(out, BenchRequest(mission, labels, known, extent, progress, say))
     answer(json, found.to_json(), lambda: print_table(found.results, found.about))
     say(f"chart: {out / 'bench.png'}")
     if not found.about["exact"]:

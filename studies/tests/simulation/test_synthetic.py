@@ -33,7 +33,7 @@ from tokt_studies.simulation.scene.tower import NO_STALKS, WHITE, Cuboid, Frustu
 
 pytestmark = pytest.mark.xdist_group("synthetic")  # what they share is made once
 
-N_FRAMES = 40
+N_FRAMES = 24
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from tokt.inference.stereo.disparity import DisparityDetector
 from tokt_studies.baselines.thesis_stereo import judge_pair
 from tokt_studies.speed import stereo_cases
 from tokt_studies.speed.cases import textured_frame
-from tokt_studies.speed.paired_timing import BenchSize, single_thread
+from tokt_studies.speed.paired_timing import BenchRequest, BenchSize, single_thread
 from tokt_studies.speed.report import print_table
 from tokt_studies.speed.stereo_cases import Pair, StereoPair, measure_stereo, stereo_input
 
@@ -98,8 +98,9 @@ def test_other_matches_than_the_library_s_are_not_exact(pair, monkeypatch):
 
 
 def test_both_cases_of_a_mission(dive, no_progress, capsys):
+    asked = BenchRequest(dive, None, PLAIN, ONE_ROUND, no_progress, str)
     with single_thread():
-        results = measure_stereo(open_mission(dive), PLAIN, ONE_ROUND, no_progress, str)
+        results = measure_stereo(open_mission(dive), PLAIN, asked)
     assert [case.name for case in results] == ["stereo.pair", "pushbroom.pair"]
     stereo = results[0].to_json()
     # The black pair is refused, and not timed: it would flatter.

@@ -62,7 +62,7 @@ def judged(reproduced):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mission_models, "EXAMPLES", 2)
-        patch.setattr("tokt_studies.thesis.methods.curves.settings_named", lambda _: SETTINGS)
+        patch.setattr("tokt.training.fitting.presets.settings_named", lambda _: SETTINGS)
         patch.setattr("tokt_studies.thesis.methods.curves.held_out_texture", keep)
         patch.setattr(ThesisModel, "judge", judged_by_kernels)
         assert len(reproduced.curves.mean) == len(reproduced.frames) - 1

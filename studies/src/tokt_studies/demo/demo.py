@@ -26,19 +26,8 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.registry.registry import Registry
 from tokt.models.store.store import Store
 from tokt.training.compare.bootstrap import compare_f1
+from tokt.training.datasets import mission_source, splits
 from tokt.training.datasets.dataset import write_dataset
-from tokt.training.datasets.mission_source import (
-    LabelledMission,
-    labels_of_mission,
-    plan_from_missions,
-)
-from tokt.training.datasets.splits import (
-    BLOCK_FRAMES,
-    EMBARGO_FRAMES,
-    FOLDS,
-    block_of,
-    every_nth_block,
-)
 from tokt.training.evaluation.evaluate import evaluate_missions, score_mission
 from tokt.training.fitting.classifier import decision_values
 from tokt.training.fitting.cross_validation import Split
@@ -73,8 +62,8 @@ def _empty_folder(out: Path, *kept: Path | None) -> None:
 def block_rule(records: list[LabelRecord]) -> tuple[int, int]:
     """Frames a block and frames of embargo: the usual ones, or less for a short mission."""
     labelled = len({record.frame for record in records})
-    block = min(BLOCK_FRAMES, max(2, labelled // _MIN_BLOCKS))
-    return block, EMBARGO_FRAMES * block // BLOCK_FRAMES
+    block = min(splits.BLOCK_FRAMES, max(2, labelled // _MIN_BLOCKS))
+    return block, splits.EMBARGO_FRAMES * block // splits.BLOCK_FRAMES
 
 
 def hold_back(
@@ -87,13 +76,18 @@ def hold_back(
     """
     is_obstacle = taxonomy.is_obstacle
     rows = [
-        (r.mission, r.frame, block_of(r.mission, r.frame, block_frames), is_obstacle(str(r.label)))
+        (
+            r.mission,
+            r.frame,
+            splits.block_of(r.mission, r.frame, block_frames),
+            is_obstacle(str(r.label)),
+        )
         for r in records
         if r.label != UNSURE and r.camera == LEFT
     ]
     table = pd.DataFrame(rows, columns=["mission", "frame", "group", "obstacle"])
     targets = table.obstacle.to_numpy(np.int64)
-    fold = every_nth_block(table, targets, _HOLD_BACK_EVERY, embargo_frames)
+    fold = splits.every_nth_block(table, targets, _HOLD_BACK_EVERY, embargo_frames)
     frames = table.frame.to_numpy()
     return sorted(set(frames[fold.train].tolist())), sorted(set(frames[fold.test].tolist()))
 
@@ -102,46 +96,31 @@ def _check_given(mission: Path, labels: Path) -> Path:
     """Find what is wrong with a user's mission or labels before anything is deleted; its path."""
     opened, taxonomy = open_mission(mission), Taxonomy.load()
     read = read_label_csv(labels, taxonomy)
-    records, _ = labels_of_mission(opened, read, DEFAULT_GRID, only=True)
+    records, _ = mission_source.labels_of_mission(opened, read, DEFAULT_GRID, only=True)
     hold_back(records, taxonomy, *block_rule(records))
     return opened.path
 
 
-def _prepare(
-    out: Path,
-    mission: Path | None,
-    labels: Path | None,
-    frames: int,
-    width: int,
-    progress: Progress,
-    say: Notice,
-) -> DemoRun:
-    start = time.perf_counter()
-    rendered = mission is None
-    if mission is None:
-        say("-- render a mission")
-        mission = out / "synthetic"
-        simulate_mission(mission, n_frames=frames, width=width, progress=progress)
+def _prepare(out: Path, mission: Path, labels: Path | None, say: Notice) -> DemoRun:
     opened, taxonomy = open_mission(mission), Taxonomy.load()
     say("-- import labels")
     read = read_label_csv(labels or mission / "labels.csv", taxonomy)
     with LabelStore(out / "workspace" / "labels.db") as store:
         store.add(read)
-        records, remark = labels_of_mission(opened, store.current(), DEFAULT_GRID, only=True)
+        records, remark = mission_source.labels_of_mission(
+            opened, store.current(), DEFAULT_GRID, only=True
+        )
     if remark:
         say(f"note: {remark}")
     block, embargo = block_rule(records)
     train_frames, held = hold_back(records, taxonomy, block, embargo)
-    run = DemoRun(opened, records, taxonomy, rendered, block, embargo, train_frames, held)
-    name = "render a mission, import labels" if rendered else "import labels"
-    run.seconds[name] = time.perf_counter() - start
-    return run
+    return DemoRun(opened, records, taxonomy, block, embargo, train_frames, held)
 
 
 def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Progress) -> None:
     for name, extractor, preset in (*_CANDIDATES, *_BASELINES):
         chosen, settings = extractor_for(extractor, preset), settings_named(preset)
-        split = Split(FOLDS, run.embargo_frames)
+        split = Split(splits.FOLDS, run.embargo_frames)
         request = TrainRequest(run.dataset, name, chosen, extractor, settings, split)
         run.trained[name] = fit_and_measure(request, workspace / "cache", progress)
         log_and_register(run.trained[name], registry)
@@ -219,12 +198,20 @@ def run_demo(
     if mission is not None and labels is not None:
         place = _check_given(mission, labels)
     _empty_folder(out, place, labels)
-    run = _prepare(out, mission, labels, frames, width, progress, say)
+    start = time.perf_counter()
+    if rendered := mission is None:
+        say("-- render a mission")
+        mission = out / "synthetic"
+        simulate_mission(mission, n_frames=frames, width=width, progress=progress)
+    run = _prepare(out, mission, labels, say)
+    run.rendered = rendered
+    name = "render a mission, import labels" if rendered else "import labels"
+    run.seconds[name] = time.perf_counter() - start
     workspace, store = out / "workspace", Store(out / "store")
     registry = Registry(workspace, create=True, own=True)
-    labelled, learnt = [LabelledMission(run.mission, run.records)], run.train_frames
+    labelled, learnt = [mission_source.LabelledMission(run.mission, run.records)], run.train_frames
     with run.stage("build the dataset", say):
-        plan, _ = plan_from_missions(
+        plan, _ = mission_source.plan_from_missions(
             "demo", "binary", labelled, run.taxonomy, frames=learnt, block_frames=run.block_frames
         )
         run.dataset = write_dataset(plan, workspace / "datasets", progress)

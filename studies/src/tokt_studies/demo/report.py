@@ -39,7 +39,6 @@ class DemoRun:
     mission: Mission
     records: list[LabelRecord]  # all labels of it
     taxonomy: Taxonomy
-    rendered: bool
     block_frames: int  # how the mission is cut, and the gap between parts
     embargo_frames: int
     train_frames: list[int]  # labelled frames learnt from, and held back
@@ -49,6 +48,7 @@ class DemoRun:
     bundles: dict[str, Bundle] = field(default_factory=dict)
     scored: dict[str, ScoredMission] = field(default_factory=dict)
     evaluations: dict[str, dict[str, Any]] = field(default_factory=dict)
+    rendered: bool = False
     dataset: DatasetVersion = field(init=False)
     difference: Difference = field(init=False)
     champion: str = field(init=False)

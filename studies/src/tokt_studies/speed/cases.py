@@ -1,7 +1,7 @@
 """The pictures and cases that are timed in this process: kernels on patches, whole frames."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
@@ -22,20 +22,13 @@ from tokt.inference.policy.moving import STEP_S
 from tokt.inference.policy.policy import judge_image
 from tokt.inference.verdict import CLEAR
 from tokt.models.bundle.bundle import Bundle
-from tokt_studies.baselines.thesis_texture import (
-    GRID,
-    describe_haralick,
-    haralick_directions,
-    judge,
-    lbp_counts,
-    resized_gray,
-)
+from tokt_studies.baselines import thesis_texture
 
 from .haralick_agreement import HaralickAgreement
 from .models import ModelPair, ThesisFeatureSet, judge_at_once
 from .paired_timing import BASELINE, FLOOR, LIBRARIES, MEMORY, OURS, Result, in_turns, result
 
-KERNEL_WORK = f"the {GRID.n_patches} patches of one gray picture"
+KERNEL_WORK = f"the {thesis_texture.GRID.n_patches} patches of one gray picture"
 FRAME_WORK = "one decoded frame to its verdict"
 TIE = 1e-9
 """A decision value this near to the threshold could fall to either side by rounding alone."""
@@ -55,12 +48,12 @@ class Picture:
     @cached_property
     def gray(self) -> U8:
         """At the grid's width, gray."""
-        return resized_gray(self.frame)
+        return thesis_texture.resized_gray(self.frame)
 
     @cached_property
     def patches(self) -> list[U8]:
         """The gray patches, each contiguous in memory."""
-        return [np.ascontiguousarray(patch) for patch in GRID.cells(self.gray)]
+        return [np.ascontiguousarray(patch) for patch in thesis_texture.GRID.cells(self.gray)]
 
 
 def textured_frame() -> U8:
@@ -77,6 +70,9 @@ def textured_frame() -> U8:
 
 class Case(ABC, Generic[Item]):
     """Two ways of doing the same to a picture, or whatever else `Item` is."""
+
+    about: Mapping[str, Any] = {"of": FRAME_WORK}  # what the findings begin with
+    what, fault = "frames", "different"  # that are checked, and how they may be found
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -100,9 +96,10 @@ class Case(ABC, Generic[Item]):
         """Whether every check so far was passed, and there was one."""
         return self.checked > 0 and self.wrong == 0
 
-    @abstractmethod
     def findings(self) -> dict[str, Any]:
         """Findings of the checks, as JSON values."""
+        counts = {f"{self.what}_checked": self.checked, f"{self.what}_{self.fault}": self.wrong}
+        return {**self.about, **counts}
 
     def timed(self) -> dict[str, Callable[[Item], object]]:
         """The calls that are timed in turns: each of these methods that the case has."""
@@ -117,6 +114,9 @@ class Case(ABC, Generic[Item]):
 
 class LbpKernel(Case[Picture]):
     """Histograms of local binary patterns, border rule ``patch``."""
+
+    about: Mapping[str, Any] = {"of": KERNEL_WORK}
+    what = "patches"
 
     def __init__(self, name: str, points: int, radius: int, kernels: Kernels = KERNELS) -> None:
         super().__init__(name)
@@ -133,18 +133,18 @@ class LbpKernel(Case[Picture]):
 
     def ours(self, picture: Picture) -> I64:
         """One call."""
-        return self._kernels.lbp_counts(picture.gray, GRID, self.points, self.radius, "patch")
+        return self._kernels.lbp_counts(
+            picture.gray, thesis_texture.GRID, self.points, self.radius, "patch"
+        )
 
     def check(self, picture: Picture) -> bool:
         """Every count of every patch."""
-        theirs = [lbp_counts(patch, self.points, self.radius) for patch in picture.patches]
+        theirs = [
+            thesis_texture.lbp_counts(patch, self.points, self.radius) for patch in picture.patches
+        ]
         self.checked += len(theirs)
         self.wrong += int((self.ours(picture) != np.stack(theirs)).any(axis=1).sum())
         return True
-
-    def findings(self) -> dict[str, Any]:
-        """Patches looked at, and those with another count."""
-        return {"of": KERNEL_WORK, "patches_checked": self.checked, "patches_different": self.wrong}
 
 
 class HaralickKernel(Case[Picture]):
@@ -157,18 +157,18 @@ class HaralickKernel(Case[Picture]):
 
     def baseline(self, picture: Picture) -> object:
         """One call of mahotas a patch."""
-        return [describe_haralick(patch) for patch in picture.patches]
+        return [thesis_texture.describe_haralick(patch) for patch in picture.patches]
 
     def ours(self, picture: Picture) -> object:
         """One call."""
-        return self._kernels.haralick_features(picture.gray, GRID, True)
+        return self._kernels.haralick_features(picture.gray, thesis_texture.GRID, True)
 
     def check(self, picture: Picture) -> bool:
         """Every feature of every patch, with and without grey level 0."""
         for ignore_zeros in (True, False):
-            rows = self._kernels.haralick_features(picture.gray, GRID, ignore_zeros)
+            rows = self._kernels.haralick_features(picture.gray, thesis_texture.GRID, ignore_zeros)
             for row, patch in zip(rows, picture.patches, strict=True):
-                self._agreement.add(row, haralick_directions(patch, ignore_zeros))
+                self._agreement.add(row, thesis_texture.haralick_directions(patch, ignore_zeros))
         self.checked += len(picture.patches)
         self.wrong = int(not self._agreement.agree)
         return True
@@ -181,6 +181,14 @@ class HaralickKernel(Case[Picture]):
 class WholeFrame(Case[Picture]):
     """A decoded frame to its verdict, through the runtime's own policy ``texture``."""
 
+    about: Mapping[str, Any] = {
+        "of": FRAME_WORK,
+        "baseline_is": "the thesis's way: a library call and a predict call a patch",
+        "libraries_is": "the libraries with all patches counted and predicted at once",
+        "floor_is": "resize and gray alone, with tokt's kernels",
+        "memory_is": "reading each byte of the frame once",
+    }
+
     def __init__(self, texture: ThesisFeatureSet, models: ModelPair) -> None:
         super().__init__(f"{texture.name}.frame")
         self._texture, self._models = texture, models
@@ -189,7 +197,9 @@ class WholeFrame(Case[Picture]):
 
     def baseline(self, picture: Picture) -> object:
         """Resize, a library call and a predict call a patch, contours."""
-        return judge(picture.frame, self._texture.describe_patch, self._models.classifier)
+        return thesis_texture.judge(
+            picture.frame, self._texture.describe_patch, self._models.classifier
+        )
 
     def ours(self, picture: Picture) -> object:
         """All that ``tokt run`` does between a frame's delivery and its datagram."""
@@ -202,7 +212,7 @@ class WholeFrame(Case[Picture]):
 
     def floor(self, picture: Picture) -> object:
         """The least that judging patches takes: making the small gray picture."""
-        height, width = GRID.resized(*picture.frame.shape[:2])
+        height, width = thesis_texture.GRID.resized(*picture.frame.shape[:2])
         return KERNELS.resized_gray(picture.frame, height, width)
 
     def memory(self, picture: Picture) -> object:
@@ -217,7 +227,9 @@ class WholeFrame(Case[Picture]):
             # The runtime refuses, say, a black frame; the thesis's way has no such word.
             found["frames_refused"] += 1
             return False
-        theirs = judge(picture.frame, self._texture.describe_patch, self._models.classifier)
+        theirs = thesis_texture.judge(
+            picture.frame, self._texture.describe_patch, self._models.classifier
+        )
         labels = model.obstacle_patches(judgement.decision_values)
         said = attrgetter("status", "x", "y", "box")
         same = said(judgement.verdict) == said(theirs.verdict)
@@ -232,24 +244,24 @@ class WholeFrame(Case[Picture]):
 
     def findings(self) -> dict[str, Any]:
         """What was compared."""
-        return {
-            "of": FRAME_WORK,
-            "baseline_is": "the thesis's way: a library call and a predict call a patch",
-            "libraries_is": "the libraries with all patches counted and predicted at once",
-            "floor_is": "resize and gray alone, with tokt's kernels",
-            "memory_is": "reading each byte of the frame once",
-            "frames_checked": self.checked,
-            "frames_different": self.wrong,
-            **self._found,
-        }
+        return {**super().findings(), **self._found}
 
 
 class BestFrame(Case[Picture]):
     """A decoded frame to its verdict, by a plain extractor's model and by the preset best's."""
 
+    what = "pictures"
+
     def __init__(self, plain: Bundle, best: Bundle) -> None:
         super().__init__("best.frame")
         self._plain, self._best = plain, best
+        self.about = {
+            "of": FRAME_WORK,
+            "baseline_is": f"tokt itself with the plain model {plain.label}",
+            "floor_is": "the pictures that the preset's extractor looks at, prepared and no more",
+            "asked": f"the preset's time is at most {MAX_TIMES:g} times the plain one's",
+            "features": best.extractor.dim,
+        }
         self._images = build_extractor(best.extractor.spec).images
         self._reference = load_kernels(LIBRARY)
 
@@ -263,13 +275,13 @@ class BestFrame(Case[Picture]):
 
     def floor(self, picture: Picture) -> list[U8]:
         """The pictures that the preset looks at, prepared and no more."""
-        prepared = FramePictures(picture.frame, GRID)
+        prepared = FramePictures(picture.frame, thesis_texture.GRID)
         return [prepared.picture(image) for image in self._images]
 
     def _expected(self, picture: Picture, image: Quantization | None) -> U8:
         if image is None:
             return picture.gray
-        size = GRID.resized(*picture.frame.shape[:2])
+        size = thesis_texture.GRID.resized(*picture.frame.shape[:2])
         return self._reference.quantize(self._reference.resized_gray16(picture.frame, *size), image)
 
     def check(self, picture: Picture) -> bool:
@@ -279,21 +291,16 @@ class BestFrame(Case[Picture]):
             self.wrong += not np.array_equal(found, self._expected(picture, image))
         return True
 
-    def findings(self) -> dict[str, Any]:
-        """What was timed against what, and the pictures that were compared."""
-        return {
-            "of": FRAME_WORK,
-            "baseline_is": f"tokt itself with the plain model {self._plain.label}",
-            "floor_is": "the pictures that the preset's extractor looks at, prepared and no more",
-            "asked": f"the preset's time is at most {MAX_TIMES:g} times the plain one's",
-            "features": self._best.extractor.dim,
-            "pictures_checked": self.checked,
-            "pictures_different": self.wrong,
-        }
-
 
 class MovingFrame(Case[Picture]):
     """A decoded frame to its verdict, without a look for what moves by itself, and with one."""
+
+    about: Mapping[str, Any] = {
+        "of": FRAME_WORK,
+        "baseline_is": "tokt itself without --moving: texture alone",
+        "asked": "ours takes at most 4 ms more",
+    }
+    fault = "made_clear"
 
     def __init__(self, bundle: Bundle) -> None:
         super().__init__("moving.frame")
@@ -322,13 +329,3 @@ class MovingFrame(Case[Picture]):
         self.checked += 1
         self.wrong += ours == CLEAR != alone
         return True
-
-    def findings(self) -> dict[str, Any]:
-        """What was compared."""
-        return {
-            "of": FRAME_WORK,
-            "baseline_is": "tokt itself without --moving: texture alone",
-            "asked": "ours takes at most 4 ms more",
-            "frames_checked": self.checked,
-            "frames_made_clear": self.wrong,
-        }

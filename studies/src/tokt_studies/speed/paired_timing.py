@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
@@ -12,6 +13,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from tokt.features.common.arrays import F64
+from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.labels.formats.options import Progress
+from tokt.training.options import Notice
 
 BASELINE, OURS = "baseline", "ours"
 LIBRARIES = "libraries"
@@ -39,6 +43,21 @@ class BenchSize:
     tables: int  # how often the table is made
     starts: int  # how often each process is started
     latency: int  # how often each of the timed frames is sent at a camera's rate
+
+
+@dataclass(frozen=True)
+class BenchRequest:
+    """A bench's mission, its labels and calibration, each None for what `run_bench` takes then.
+
+    `say` takes a line for people, and ``progress(items, total, what)`` passes items on.
+    """
+
+    mission: Path | None
+    labels: Path | None
+    calibration: StereoCalibration | None
+    size: BenchSize
+    progress: Progress
+    say: Notice
 
 
 @dataclass(frozen=True)

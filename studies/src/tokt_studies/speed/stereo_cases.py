@@ -18,14 +18,12 @@ from tokt.inference.stereo.calibration import StereoCalibration, load_calibratio
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import BAND, CELL_PX, PushbroomDetector
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
-from tokt.labels.formats.options import Progress
-from tokt.training.options import Notice
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from tokt_studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, THESIS_SIZE_WORDS, judge_pair
 from tokt_studies.baselines.thesis_texture import GRID
 
 from .cases import Case
-from .paired_timing import BASELINE, OURS, BenchSize, Result, Times, in_turns, result
+from .paired_timing import BASELINE, OURS, BenchRequest, Result, Times, in_turns, result
 
 CALIBRATION_FILE = "calibration.yml"
 COMPARED_PAIRS = 40
@@ -68,11 +66,18 @@ class PairCase(Case[Pair]):
     `exact_is` says what `check` holds ours against; of the thesis's pipeline nothing could be.
     """
 
+    what = "pairs"
+
     def __init__(self, name: str, exact_is: str) -> None:
         super().__init__(name)
-        self._exact_is = exact_is
         self.refused = 0  # pairs that ours did not judge
         self._obstacles = {"baseline": 0, "ours": 0}
+        self.about = {
+            "of": "one decoded pair to its verdict",
+            "baseline_is": "the thesis's disparity pipeline: full resolution, not rectified",
+            "exact_is": exact_is,
+            "obstacle_pairs": self._obstacles,
+        }
 
     def baseline(self, item: Pair) -> object:
         """Undistort, match, stretch, contours."""
@@ -88,15 +93,7 @@ class PairCase(Case[Pair]):
 
     def findings(self) -> dict[str, Any]:
         """What was compared."""
-        return {
-            "of": "one decoded pair to its verdict",
-            "baseline_is": "the thesis's disparity pipeline: full resolution, not rectified",
-            "exact_is": self._exact_is,
-            "obstacle_pairs": dict(self._obstacles),
-            "pairs_checked": self.checked,
-            "pairs_different": self.wrong,
-            "pairs_refused": self.refused,
-        }
+        return {**super().findings(), "pairs_refused": self.refused}
 
 
 class StereoPair(PairCase):
@@ -222,21 +219,18 @@ def _left_out(why: str) -> StereoInput:
 
 
 def measure_stereo(
-    mission: Mission,
-    calibration: StereoCalibration,
-    size: BenchSize,
-    progress: Progress,
-    say: Notice,
+    mission: Mission, calibration: StereoCalibration, asked: BenchRequest
 ) -> list[Result]:
     """Both cases: compared on pairs of the whole mission, then timed on a few of them.
 
     At most `COMPARED_PAIRS` are judged both ways. That none can be judged is a `ToktError`.
     """
+    size = asked.size
     stereo, pushbroom = StereoPair(calibration), PushbroomPair(calibration)
     most = min(size.compared or COMPARED_PAIRS, COMPARED_PAIRS)
     numbers = evenly_spaced(pair_numbers(mission), most)
     judged = []
-    for pair in progress(read_pairs(mission, numbers), len(numbers), "compare pairs"):
+    for pair in asked.progress(read_pairs(mission, numbers), len(numbers), "compare pairs"):
         pushbroom.check(pair)
         # A refused pair costs the runtime next to nothing: timing it would flatter.
         if stereo.check(pair):
@@ -248,7 +242,7 @@ def measure_stereo(
     results = []
     cases: tuple[Case[Pair], ...] = (stereo, pushbroom)
     for case in cases:
-        say(f"-- {case.name}")
+        asked.say(f"-- {case.name}")
         times = in_turns(case.timed(), pairs, size.rounds)
         kinds = by_kind(times, obstacle)
         results.append(result(case.name, times, case.exact, {**case.findings(), **kinds}))

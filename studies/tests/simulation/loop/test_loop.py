@@ -156,7 +156,7 @@ def test_scenes_are_drawn_by_their_seed(name):
     assert np.array_equal(first.start.position, again.start.position)
     assert _ahead(first) == _ahead(again)
     # The straight way leads into what there is to hit, and nothing else is on it.
-    for seed in range(1, 9):
+    for seed in range(1, 4):
         hit = _ahead(draw_scene(name, seed, WIDTH)) < HULL_RADIUS_M
         assert hit == (name not in ("empty", "snow", "fish", "dust", "anchor")), seed
 

@@ -14,24 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, I64
+from tokt_studies.simulation.scene import surfaces as shapes
+from tokt_studies.simulation.scene import tower as towers
 from tokt_studies.simulation.scene.fish_and_dust import TEXTURE_M, School
 from tokt_studies.simulation.scene.rig import Camera
-from tokt_studies.simulation.scene.surfaces import (
-    FISH_MATERIAL,
-    STALK_MATERIAL,
-    Boxes,
-    Frusta,
-    Stalks,
-    Surfaces,
-)
-from tokt_studies.simulation.scene.tower import (
-    CORNERS,
-    GROWTH,
-    TEXEL_M,
-    TEXTURE_SIZE,
-    Material,
-    Tower,
-)
 
 Real = NDArray[Any]
 """Of the precision of the rays."""
@@ -87,7 +73,7 @@ class RayCaster:
         """Directions (3, n) in the camera's coordinates, of length one along the optical axis."""
         return self.camera.rays(pixels)
 
-    def sides(self, frusta: Frusta, origins: F64) -> Iterator[Side]:
+    def sides(self, frusta: shapes.Frusta, origins: F64) -> Iterator[Side]:
         """Cast the rays at frusta; `origins` (things, 3) is where the things are."""
         shift = origins[frusta.thing]
         corners = self.camera.seen(frusta.hull + shift[:, None])
@@ -105,10 +91,10 @@ class RayCaster:
                 )
                 yield Side(i, pixels[won], t, point, end, centre[i] + turn[i] @ self._lamp)
 
-    def faces(self, boxes: Boxes, origins: F64) -> Iterator[Face]:
+    def faces(self, boxes: shapes.Boxes, origins: F64) -> Iterator[Face]:
         """Cast the rays at boxes; see `sides`."""
         centres = boxes.centre + origins[boxes.thing]
-        corners = centres[:, None] + (CORNERS * boxes.half[:, None]) @ boxes.axes
+        corners = centres[:, None] + (towers.CORNERS * boxes.half[:, None]) @ boxes.axes
         seen = self.camera.seen(corners)
         for i in self.in_view(seen):
             half, turn = boxes.half[i], (boxes.axes[i] @ self.camera.rotation.T)
@@ -118,7 +104,7 @@ class RayCaster:
             # Only faces that the camera is outside of.
             for axis in np.flatnonzero(np.abs(origin) > half).tolist():
                 sign = float(np.sign(origin[axis]))
-                pixels = self.inside(seen[i][CORNERS[:, axis] == sign])
+                pixels = self.inside(seen[i][towers.CORNERS[:, axis] == sign])
                 rays = turn @ self.rays(pixels)
                 first, second, o = (axis + 1) % 3, (axis + 2) % 3, origin.tolist()
                 # A ray along a face never meets it: infinite, and no hit.
@@ -133,7 +119,7 @@ class RayCaster:
                 )  # fmt: skip
 
     def stalks(
-        self, stalks: Stalks, origins: F64, from_m: float, rim_px: int, *, hidden: bool
+        self, stalks: shapes.Stalks, origins: F64, from_m: float, rim_px: int, *, hidden: bool
     ) -> Iterator[tuple[I64, Real, F32]]:
         """Draw stalks, after the solids: lines from root to tip that taper to half their width.
 
@@ -202,7 +188,7 @@ class RayCaster:
 
 
 def _cast_at_frustum(
-    frusta: Frusta, i: int, origin: F64, rays: Real
+    frusta: shapes.Frusta, i: int, origin: F64, rays: Real
 ) -> tuple[Real, NDArray[np.int8]]:
     """Depth at each ray, along the frustum's axes, and on which end; infinite where it is missed.
 
@@ -286,20 +272,20 @@ def _stalk_pixels(camera: Camera, where: F64, depth: F64, half_m: F64) -> tuple[
 class View(RayCaster):
     """The tower in one frame of a mission."""
 
-    def __init__(self, camera: Camera, tower: Tower) -> None:
+    def __init__(self, camera: Camera, tower: towers.Tower) -> None:
         super().__init__(camera, np.zeros(3), np.float64)
         self.albedo = np.zeros((len(self.depth), 3), np.float32)  # BGR, 0..1
         # Outward, in tower coordinates; zero on stalks, which have no side.
         self.normal = np.zeros((3, len(self.depth)), np.float32)
         self._textures = tower.textures
-        surfaces, here = Surfaces([tower]), np.zeros((1, 3))
+        surfaces, here = shapes.Surfaces([tower]), np.zeros((1, 3))
         for side in self.sides(surfaces.frusta, here):
             self._paint_side(surfaces, side)
         for face in self.faces(surfaces.boxes, here):
             material, _ = surfaces.materials[face.material_number]
             albedo = self._albedo(material, face.across, face.along)
             self._paint(face.pixels, face.t, albedo, face.normal[:, None])
-        growth = np.array(GROWTH.paint, np.float32)
+        growth = np.array(towers.GROWTH.paint, np.float32)
         for pixels, t, bright in self.stalks(surfaces.stalks, here, _NEAREST_M, 9, hidden=True):
             self._paint(pixels, t, bright[:, None] * growth, np.zeros((3, 1)))
 
@@ -307,7 +293,7 @@ class View(RayCaster):
         """Flat values as rows and columns."""
         return values.reshape(self.camera.height, self.camera.width, *values.shape[1:])
 
-    def _paint_side(self, surfaces: Surfaces, side: Side) -> None:
+    def _paint_side(self, surfaces: shapes.Surfaces, side: Side) -> None:
         frusta, i = surfaces.frusta, side.number
         x, y, z = side.point
         radius = np.maximum(np.hypot(x, z), 1e-9)
@@ -319,11 +305,13 @@ class View(RayCaster):
         albedo = self._albedo(material, across, np.where(flat, z, y))
         self._paint(side.pixels, side.t, albedo, normal)
 
-    def _albedo(self, material: Material, across: F64, along: F64) -> F32:
+    def _albedo(self, material: towers.Material, across: F64, along: F64) -> F32:
         """BGR albedo at surface coordinates in metres, from the texture level of a pixel's size."""
         pixel_m = float(np.linalg.norm(self.camera.centre)) / self.camera.matrix[0, 0]
-        level = int(np.clip(np.log2(max(pixel_m / TEXEL_M, 1.0)), 0, len(self._textures) - 1))
-        size, texel = TEXTURE_SIZE >> level, TEXEL_M * 2**level
+        level = int(
+            np.clip(np.log2(max(pixel_m / towers.TEXEL_M, 1.0)), 0, len(self._textures) - 1)
+        )
+        size, texel = towers.TEXTURE_SIZE >> level, towers.TEXEL_M * 2**level
         texels = self._textures[level][
             np.floor(along / texel).astype(np.int64) % size,
             np.floor(across / texel).astype(np.int64) % size,
@@ -355,7 +343,7 @@ class Hits(RayCaster):
         """See `RayCaster.rays`."""
         return self._all_rays.take(pixels, axis=1)
 
-    def add_solids(self, surfaces: Surfaces, origins: F64) -> None:
+    def add_solids(self, surfaces: shapes.Surfaces, origins: F64) -> None:
         """Cast the rays at all solids, and at what grows on them; see `RayCaster.sides`."""
         for side in self.sides(surfaces.frusta, origins):
             self._paint_side(surfaces.frusta, side)
@@ -365,12 +353,12 @@ class Hits(RayCaster):
         for pixels, t, bright in self.stalks(
             surfaces.stalks, origins, 4 * _NEAREST_M, 4, hidden=False
         ):
-            self._paint(pixels, t, STALK_MATERIAL, bright, bright, np.float32(np.nan))
+            self._paint(pixels, t, shapes.STALK_MATERIAL, bright, bright, np.float32(np.nan))
 
     def add_fish(self, school: School, t_s: float) -> None:
         """Cast the rays at a school where it is at a time: ellipsoids."""
         centres, axes, half = school.shapes(t_s)
-        corners = self.camera.seen(centres[:, None] + (CORNERS * half[:, None]) @ axes)
+        corners = self.camera.seen(centres[:, None] + (towers.CORNERS * half[:, None]) @ axes)
         for i in self.in_view(corners):
             pixels = self.inside(corners[i])
             if len(pixels):
@@ -396,9 +384,9 @@ class Hits(RayCaster):
         to_lamp = lamp.astype(np.float32)[:, None] - np.stack([x * hx, y * hy, z * hz])
         across, along = (np.float32(TEXTURE_M / 2) * (1 + v) for v in (-x, y))
         facing = (normal * to_lamp).sum(axis=0)
-        self._paint(pixels[won], t, FISH_MATERIAL, across, along, facing)
+        self._paint(pixels[won], t, shapes.FISH_MATERIAL, across, along, facing)
 
-    def _paint_side(self, frusta: Frusta, side: Side) -> None:
+    def _paint_side(self, frusta: shapes.Frusta, side: Side) -> None:
         i, end, lamp = side.number, side.end, side.lamp.tolist()
         x, y, z = side.point
         radius, slope = float(frusta.radius[i]), float(frusta.slope[i])

@@ -24,18 +24,8 @@ from tokt_studies.simulation.scene.rig import FULL_WIDTH, SyntheticRig
 from tokt_studies.simulation.scene.tower import Tower
 from tokt_studies.simulation.scene.water import Water
 
+from . import patch_labels as labelling
 from .lighting import Exposure, expose
-from .patch_labels import (
-    MIN_CONTRAST,
-    MIN_COVERAGE,
-    OCEAN,
-    TOWER,
-    UNSURE,
-    contrast,
-    coverage,
-    labels_csv,
-    patch_labels,
-)
 from .raycast import View
 from .sensor import develop
 from .trajectory import CameraPose, draw_trajectory
@@ -104,10 +94,10 @@ class Scene(ABC):
 class MissionScene(Scene):
     """An approach to a tower."""
 
-    classes = (OCEAN, TOWER)
+    classes = (labelling.OCEAN, labelling.TOWER)
     label_limits: ClassVar = {
-        "least_coverage": MIN_COVERAGE,
-        "least_contrast_grey_levels": MIN_CONTRAST,
+        "least_coverage": labelling.MIN_COVERAGE,
+        "least_contrast_grey_levels": labelling.MIN_CONTRAST,
     }
     tower: Tower
     poses: list[CameraPose]
@@ -174,7 +164,7 @@ def simulate_mission(
             (folder / part).mkdir()
         scene.write(folder)
         frames = _render_all(scene, folder, n_frames, jobs or os.cpu_count() or 1, progress)
-        labels = labels_csv(name, ((one.number, one.labels) for one in frames))
+        labels = labelling.labels_csv(name, ((one.number, one.labels) for one in frames))
         (folder / "labels.csv").write_bytes(labels)
         scene.rig.write(folder / "calibration.yml")
         (folder / "scene.json").write_text(_scene_json(scene, frames), encoding="utf-8")
@@ -223,10 +213,12 @@ def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> l
     millimetres = np.where(mask, np.rint(depth * 1000), 0).clip(0, _FARTHEST_MM)
     _write_image(folder / "masks" / f"L_{number}.png", mask.astype(np.uint8) * 255, _PNG)
     _write_image(folder / "depth" / f"L_{number}.png", millimetres.astype(np.uint16), _PNG)
-    covered = coverage(mask, DEFAULT_GRID)
+    covered = labelling.coverage(mask, DEFAULT_GRID)
     if not mask.any():
-        return patch_labels(covered, covered)
-    return patch_labels(covered, contrast(exposure.clean, exposure.open_water, mask, DEFAULT_GRID))
+        return labelling.patch_labels(covered, covered)
+    return labelling.patch_labels(
+        covered, labelling.contrast(exposure.clean, exposure.open_water, mask, DEFAULT_GRID)
+    )
 
 
 def nearest_m(depth: NDArray[Any]) -> float | None:
@@ -274,8 +266,10 @@ def _summary(out: Path, scene: Scene, frames: list[RenderedFrame]) -> SyntheticM
         frames=len(frames),
         width=scene.rig.width,
         height=scene.rig.height,
-        obstacle_frames=sum(bool({*frame.labels} - {OCEAN, UNSURE}) for frame in frames),
+        obstacle_frames=sum(
+            bool({*frame.labels} - {labelling.OCEAN, labelling.UNSURE}) for frame in frames
+        ),
         ocean_frames=sum(frame.nearest_m is None for frame in frames),
-        patches={label: labels[label] for label in (*scene.classes, UNSURE)},
+        patches={label: labels[label] for label in (*scene.classes, labelling.UNSURE)},
         nearest_m=min((f.nearest_m for f in frames if f.nearest_m is not None), default=None),
     )

@@ -12,13 +12,7 @@ from tokt.features.frames.mission import LEFT
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from tokt.training.rig.calibrate.matching import even_contrast_gaussian, gray_view
 from tokt.training.rig.calibrate.vertical_error import vertical_error
-from tokt_studies.baselines.thesis_stereo import (
-    BLOCK_PX,
-    LEFT_CAMERA,
-    RIGHT_CAMERA,
-    THESIS_FRAME_SIZE,
-    in_thesis_view,
-)
+from tokt_studies.baselines import thesis_stereo
 from tokt_studies.thesis.inputs import StudyInputs
 
 from .disparity_figures import matched_points
@@ -38,7 +32,7 @@ _PRINTED = (
     np.array([[2222.72426, 0, 681.42537], [0, 2190.48031, -22.08306], [0, 0, 1]]),
     np.array([0.27724, 0.28163, -0.06867, 0.00358, 0]),
 )
-_WAYS = {"as printed": _PRINTED, "as its program reads it": LEFT_CAMERA}
+_WAYS = {"as printed": _PRINTED, "as its program reads it": thesis_stereo.LEFT_CAMERA}
 
 
 def calibration_figures(context: StudyContext) -> Exhibit:
@@ -65,10 +59,12 @@ def calibration_figures(context: StudyContext) -> Exhibit:
 def row_differences(context: StudyContext) -> pd.DataFrame:
     """Median row differences by frame, in pixels of frames of the thesis's size."""
     calibration, rows = context.needed_calibration(), []
-    scale = THESIS_FRAME_SIZE[1] / calibration.frame_size[1]
+    scale = thesis_stereo.THESIS_FRAME_SIZE[1] / calibration.frame_size[1]
     frames = evenly_spaced(context.textured_pairs, MATCHED_FRAMES)
     for found, left, right in matched_points(context, frames):
-        step = in_thesis_view(left, LEFT_CAMERA) - in_thesis_view(right, RIGHT_CAMERA)
+        step = thesis_stereo.in_thesis_view(
+            left, thesis_stereo.LEFT_CAMERA
+        ) - thesis_stereo.in_thesis_view(right, thesis_stereo.RIGHT_CAMERA)
         raw, thesis = (float(np.median(np.abs(one[:, 1]))) for one in (left - right, step))
         ours = scale * vertical_error(calibration, [found]).median_px
         rows.append((found.frame, len(found), raw, thesis, ours))
@@ -86,8 +82,8 @@ def row_claim(rows: pd.DataFrame) -> Claim:
     raw, thesis, ours = rows[["raw", "thesis", "tokt"]].median()
     return claim(
         f"median row difference: {raw:.1f} px before, {thesis:.1f} px after; tokt's {ours:.1f} px",
-        f"to agree: half a block, {BLOCK_PX / 2:g} px, or less; in part: halved",
-        agreement=ClaimAgreement.of(thesis <= BLOCK_PX / 2, thesis <= raw / 2),
+        f"to agree: half a block, {thesis_stereo.BLOCK_PX / 2:g} px, or less; in part: halved",
+        agreement=ClaimAgreement.of(thesis <= thesis_stereo.BLOCK_PX / 2, thesis <= raw / 2),
     )
 
 
@@ -103,13 +99,16 @@ def edge_bends(inputs: StudyInputs, frames: Sequence[int]) -> F64:
         except FrameError:
             continue
         even = cv2.GaussianBlur(even_contrast_gaussian(view), (0, 0), 1.0)
-        scale = np.array(THESIS_FRAME_SIZE) / view.shape[::-1]
+        scale = np.array(thesis_stereo.THESIS_FRAME_SIZE) / view.shape[::-1]
         for edge in _long_edges(np.asarray(even, np.uint8)):
             traced, found = _traced(np.asarray(even, np.float32), edge)
             if found.mean() < _FOUND or _bend(traced[found])[1] > _ROUGH_PX:
                 continue
             points = (traced[found] + 0.5) * scale - 0.5
-            ways = (points, *(in_thesis_view(points, camera) for camera in _WAYS.values()))
+            ways = (
+                points,
+                *(thesis_stereo.in_thesis_view(points, camera) for camera in _WAYS.values()),
+            )
             bends.append([_bend(way)[0] for way in ways])
     return np.array(bends).reshape(-1, 1 + len(_WAYS))
 

@@ -11,13 +11,7 @@ from matplotlib.lines import Line2D
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import OBSTACLE, Box, Verdict, verdict_from_mask
-from tokt_studies.baselines.thesis_centre import (
-    ThesisCentre,
-    dilated,
-    leaves_frame,
-    outer_contours,
-    thesis_centre,
-)
+from tokt_studies.baselines import thesis_centre as centres
 from tokt_studies.baselines.thesis_stereo import LEFT_CAMERA, cropped, undistorted
 from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.simulation.rendering.patch_labels import coverage
@@ -25,19 +19,10 @@ from tokt_studies.simulation.scene.rig import FULL_WIDTH
 from tokt_studies.thesis.light_scene import BLUE, LitScene
 from tokt_studies.thesis.methods.curves import THESIS
 
+from . import frame_drawing as drawing
 from .disparity_figures import at_thesis_size, thesis_map
 from .dot_figures import by_thesis
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext
-from .frame_drawing import (
-    CORRECTED_COLOR,
-    SHOWN,
-    THESIS_COLOR,
-    draw_box,
-    new_figure,
-    png_of,
-    show_frame,
-    show_mask,
-)
 
 SCENES = (1, 2, 3)  # seeds of the rendered pairs
 _SOME, _MOSTLY = 0.1, 0.5
@@ -51,7 +36,7 @@ class BothWays:
     title: str
     number: int
     mask: U8
-    thesis: ThesisCentre
+    thesis: centres.ThesisCentre
     corrected: Verdict
 
     @property
@@ -62,7 +47,7 @@ class BothWays:
     @property
     def thesis_leaves(self) -> bool:
         """Whether the thesis's box reaches beyond the frame."""
-        return leaves_frame(self.boxes[0], *self.mask.shape)
+        return centres.leaves_frame(self.boxes[0], *self.mask.shape)
 
     @property
     def thesis_misses(self) -> bool:
@@ -79,7 +64,9 @@ class BothWays:
 
 def both_ways(mask: U8, title: str = "", number: int = 0) -> BothWays:
     """A mask of uint8 0/255, shape (height, width), by the thesis's way and by the corrected."""
-    return BothWays(title, number, mask, thesis_centre(mask), verdict_from_mask(mask, "mask"))
+    return BothWays(
+        title, number, mask, centres.thesis_centre(mask), verdict_from_mask(mask, "mask")
+    )
 
 
 def centre_and_box(context: StudyContext) -> Exhibit:
@@ -100,7 +87,7 @@ def centre_and_box(context: StudyContext) -> Exhibit:
         f"Frame {number}: the mask with its contours (3.22), the two centres and where each says "
         "to steer (3.23), and the two boxes (3.24). Where the thesis's box leaves the frame, the "
         "panel grows with it. Last: of frames with several contours the one whose box is largest "
-        f"beside the union. {SHOWN}"
+        f"beside the union. {drawing.SHOWN}"
     )
     return Exhibit(
         (
@@ -112,7 +99,9 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             "thesis's method says obstacle. None is of an image it learnt from.",
         ),
         (box_claim(mission), fineness_claim(fitting_the_exact_mask())),
-        plots=(Plot("contours-centre-box", caption, png_of(_figure(context, shown, mission))),),
+        plots=(
+            Plot("contours-centre-box", caption, drawing.png_of(_figure(context, shown, mission))),
+        ),
     )
 
 
@@ -161,7 +150,7 @@ def fitting_the_exact_mask() -> list[list[float]]:
         there, covered = (
             cropped(undistorted(at_thesis_size(one), LEFT_CAMERA)) >= 128 for one in (exact, blocks)
         )
-        mask = dilated(dilated(cropped(thesis_map(left, right)))) > 0
+        mask = centres.dilated(centres.dilated(cropped(thesis_map(left, right)))) > 0
         found.append([(one & there).sum() / (one | there).sum() for one in (mask, covered)])
     return found
 
@@ -188,30 +177,33 @@ def _figure(
     if several:
         worst = max(several, key=lambda one: one.box_ratio)
         panels[f"{worst.title}, frame {worst.number}"] = worst
-    figure, rows = new_figure(11.5, 3.0 * len(panels) + 0.4, len(panels), 3, squeeze=False)
+    figure, rows = drawing.new_figure(11.5, 3.0 * len(panels) + 0.4, len(panels), 3, squeeze=False)
     for (outlines, centre, boxes), (title, one) in zip(rows, panels.items(), strict=True):
         _draw_contours(outlines, one.mask)
         outlines.set_ylabel(title, fontsize=9)
         frame = context.picture(one.number)
-        show_frame(centre, frame)
+        drawing.show_frame(centre, frame)
         _draw_centres(centre, one)
-        show_frame(boxes, frame)
-        draw_box(boxes, one.thesis.box, THESIS_COLOR, "--")
-        draw_box(boxes, one.corrected.box, CORRECTED_COLOR)
+        drawing.show_frame(boxes, frame)
+        drawing.draw_box(boxes, one.thesis.box, drawing.THESIS_COLOR, "--")
+        drawing.draw_box(boxes, one.corrected.box, drawing.CORRECTED_COLOR)
     for axes, title in zip(rows[0], ("contours", "centre, way to steer", "box"), strict=True):
         axes.set_title(title, fontsize=10)
     handles = [
-        Line2D([], [], color=THESIS_COLOR, marker="o", ls="--", label="thesis's program"),
-        Line2D([], [], color=CORRECTED_COLOR, marker="o", label="corrected"),
+        Line2D([], [], color=drawing.THESIS_COLOR, marker="o", ls="--", label="thesis's program"),
+        Line2D([], [], color=drawing.CORRECTED_COLOR, marker="o", label="corrected"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=9, frameon=False)
     return figure
 
 
 def _draw_contours(axes: Any, mask: U8) -> None:
-    show_mask(axes, np.asarray(mask // 2, np.uint8))
-    for drawn, color, style in ((dilated(mask), THESIS_COLOR, "--"), (mask, CORRECTED_COLOR, "-")):
-        for contour in outer_contours(drawn):
+    drawing.show_mask(axes, np.asarray(mask // 2, np.uint8))
+    for drawn, color, style in (
+        (centres.dilated(mask), drawing.THESIS_COLOR, "--"),
+        (mask, drawing.CORRECTED_COLOR, "-"),
+    ):
+        for contour in centres.outer_contours(drawn):
             closed = np.vstack([contour[:, 0], contour[:1, 0]])
             axes.plot(closed[:, 0], closed[:, 1], color=color, ls=style, lw=1.2)
 
@@ -223,8 +215,8 @@ def _draw_centres(axes: Any, both: BothWays) -> None:
     corrected = both.corrected
     x, y = int(corrected.x or 0), int(corrected.y or 0)
     for cx, cy, dx, dy, color, size in (
-        (both.thesis.cx, both.thesis.cy, both.thesis.x, both.thesis.y, THESIS_COLOR, 11),
-        (x0 - x, y0 - y, x, y, CORRECTED_COLOR, 6),
+        (both.thesis.cx, both.thesis.cy, both.thesis.x, both.thesis.y, drawing.THESIS_COLOR, 11),
+        (x0 - x, y0 - y, x, y, drawing.CORRECTED_COLOR, 6),
     ):
         axes.plot(cx, cy, "o", color=color, ms=size)
         axes.annotate(

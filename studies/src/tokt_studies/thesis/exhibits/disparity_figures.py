@@ -27,18 +27,7 @@ from tokt.training.rig.calibrate.matching import FrameMatches, match_frame
 from tokt.training.rig.depth.cloud import cloud_of
 from tokt.training.rig.depth.pair_depths import measure_depths
 from tokt.training.rig.depth.picture import DepthPicture
-from tokt_studies.baselines.thesis_stereo import (
-    CROP_PX,
-    LEFT_CAMERA,
-    MIN_DISPARITY_PX,
-    N_DISPARITIES_PX,
-    THESIS_FRAME_SIZE,
-    cropped,
-    disparity_map,
-    in_thesis_view,
-    searched,
-    thesis_cloud,
-)
+from tokt_studies.baselines import thesis_stereo
 from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.thesis.inputs import UNKNOWN, StudyInputs
 from tokt_studies.thesis.patch_scores import Truth
@@ -83,7 +72,7 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     own = rows[rows.right == OWN].set_index("frame")
     best = int(own.ours_matched.idxmax())
     points = [
-        searched(left, right)
+        thesis_stereo.searched(left, right)
         for _, left, right in matched_points(context, evenly_spaced(frames, MATCHED_FRAMES))
     ]
     covered = np.concatenate([found for _, found in points]) if points else np.empty(0)
@@ -137,7 +126,7 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     for kind, right in rights.items():
         pairs = (Frame(number, float(number), lefts[number], right[number]) for number in frames)
         for ours in measure_depths(DisparityDetector(inputs.needed_calibration(), GRID), pairs):
-            now = cropped(thesis_map(lefts[ours.frame], right[ours.frame]))
+            now = thesis_stereo.cropped(thesis_map(lefts[ours.frame], right[ours.frame]))
             with_its_own = white.setdefault(ours.frame, now > 0)
             rows.append(
                 {
@@ -166,22 +155,23 @@ def pair_of(inputs: StudyInputs, number: int) -> tuple[U8, U8]:
 
 def thesis_map(left: U8, right: U8) -> U8:
     """The thesis's map of a pair, at the size that its settings in pixels are for."""
-    return disparity_map(at_thesis_size(left), at_thesis_size(right))
+    return thesis_stereo.disparity_map(at_thesis_size(left), at_thesis_size(right))
 
 
 def at_thesis_size(picture: U8) -> U8:
     """A picture at the size that the thesis's settings in pixels are for."""
     return np.asarray(
-        cv2.resize(picture, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC), np.uint8
+        cv2.resize(picture, thesis_stereo.THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC),
+        np.uint8,
     )
 
 
 def patches_in_map() -> I64:
     """Which patch of the frame each pixel of the thesis's undistorted map shows; -1 for none."""
-    width, height = THESIS_FRAME_SIZE
+    width, height = thesis_stereo.THESIS_FRAME_SIZE
     cells = np.arange(GRID.n_patches, dtype=np.float32).reshape(GRID.rows, GRID.cols)
     patches = cv2.resize(cells, (width, height), interpolation=cv2.INTER_NEAREST)
-    matrix, distortion = LEFT_CAMERA
+    matrix, distortion = thesis_stereo.LEFT_CAMERA
     places = cv2.initUndistortRectifyMap(
         matrix, distortion, None, matrix, (width, height), cv2.CV_32FC1
     )
@@ -200,7 +190,7 @@ def matched_points(
 ) -> Iterator[tuple[FrameMatches, F64, F64]]:
     """SIFT matches of frames, and where they lie in the left and right picture at thesis size."""
     size = context.needed_calibration().frame_size
-    ratio = np.array(THESIS_FRAME_SIZE) / np.array(size)
+    ratio = np.array(thesis_stereo.THESIS_FRAME_SIZE) / np.array(size)
     for number in frames:
         found = match_frame(context.mission, number, size)
         if found is not None:
@@ -225,9 +215,9 @@ def _ranks(detector: DisparityDetector, stretched: U8, matches: Matches) -> floa
     row, column = np.nonzero(matches.valid)
     size = np.array(detector.calibration.frame_size)
     places = detector.rectifier.to_frame(np.column_stack([column, row]))
-    places = (places + 0.5) * np.array(THESIS_FRAME_SIZE) / size - 0.5
-    seen = np.rint(in_thesis_view(places, LEFT_CAMERA)).astype(np.int64)
-    inside = ((seen >= 0) & (seen < np.array(THESIS_FRAME_SIZE))).all(axis=1)
+    places = (places + 0.5) * np.array(thesis_stereo.THESIS_FRAME_SIZE) / size - 0.5
+    seen = np.rint(thesis_stereo.in_thesis_view(places, thesis_stereo.LEFT_CAMERA)).astype(np.int64)
+    inside = ((seen >= 0) & (seen < np.array(thesis_stereo.THESIS_FRAME_SIZE))).all(axis=1)
     said = stretched[seen[inside, 1], seen[inside, 0]]
     depth = detector.depth_m(matches)[matches.valid][inside]
     both = said > 0
@@ -253,13 +243,15 @@ def _control(rows: pd.DataFrame) -> dict[str, Any]:
 
 
 def _cloud_numbers(shown: _Shown, truth: Truth) -> dict[str, Any]:
-    inside = np.s_[:, CROP_PX:-CROP_PX]
+    inside = np.s_[:, thesis_stereo.CROP_PX : -thesis_stereo.CROP_PX]
     white, there = shown.stretched[inside] > 0, in_map(truth)[inside]
     labelled = there.any() and white.any()
     return {
         "shown_frame": shown.number,
         "rank_correlation": shown.rank_correlation,
-        "thesis_cloud_spread": _spread(-thesis_cloud(cropped(shown.stretched))[0][:, 2]),
+        "thesis_cloud_spread": _spread(
+            -thesis_stereo.thesis_cloud(thesis_stereo.cropped(shown.stretched))[0][:, 2]
+        ),
         "cloud_spread": _spread(shown.points_m[:, 2]),
         "in_place": float(there[white].mean()) if labelled else None,
     }
@@ -275,10 +267,10 @@ def _spread(depth: F64) -> float:
 
 def map_claim(numbers: dict[str, Any]) -> Claim:
     """Whether the map's values are disparities of the pair."""
-    last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
+    last = thesis_stereo.MIN_DISPARITY_PX + thesis_stereo.N_DISPARITIES_PX - 1
     claim = Claim.about(
         "the map shows disparities of the two pictures",
-        f"table 3.5 searches {MIN_DISPARITY_PX} to {last} px; figure 3.8",
+        f"table 3.5 searches {thesis_stereo.MIN_DISPARITY_PX} to {last} px; figure 3.8",
     )
     share, changed = numbers["points_searched"], numbers["thesis_pixels_changed_most"]
     if share is None:
@@ -317,7 +309,7 @@ def cloud_claim(numbers: dict[str, Any]) -> Claim:
 
 
 def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str, ...]:
-    width, height = THESIS_FRAME_SIZE
+    width, height = thesis_stereo.THESIS_FRAME_SIZE
     return (
         f"The thesis's settings are for frames of {width}x{height}; others are enlarged. Ours is "
         f"rectified with {context.calibration_words}, which may have been fitted to these frames.",
@@ -347,7 +339,7 @@ def _maps(shown: _Shown, picture: DepthPicture, ends_m: tuple[float, float]) -> 
     views = (
         (raise_contrast(shown.left, *_VIEW), "left frame, contrast raised"),
         (shown.stretched, "thesis: stretched disparities, and the margin"),
-        (cropped(shown.stretched), "thesis: without the margin, as it is judged"),
+        (thesis_stereo.cropped(shown.stretched), "thesis: without the margin, as it is judged"),
         (
             picture.depth_rgb(own),
             f"ours: {own.valid.mean():.1%} matched; red {ends_m[0]:.1f} m to blue "
@@ -359,8 +351,10 @@ def _maps(shown: _Shown, picture: DepthPicture, ends_m: tuple[float, float]) -> 
         one.set_title(title, fontsize=10)
         one.set(xticks=[], yticks=[])
     width = shown.stretched.shape[1]
-    for at in (0, width - CROP_PX):
-        axes[0, 1].axvspan(at - 0.5, at + CROP_PX - 0.5, color=_MARGIN_COLOR, alpha=0.25, lw=0)
+    for at in (0, width - thesis_stereo.CROP_PX):
+        axes[0, 1].axvspan(
+            at - 0.5, at + thesis_stereo.CROP_PX - 0.5, color=_MARGIN_COLOR, alpha=0.25, lw=0
+        )
     words = "not matched; striped: not in the view of both cameras"
     axes[1, 1].legend(
         handles=[Patch(facecolor="#1a1c20", edgecolor="0.5", label=words)],
@@ -374,7 +368,7 @@ def _clouds(shown: _Shown) -> Figure:
     figure, axes = new_figure(11, 8.4, 2, 2)
     clouds = {
         # x right, y up, z backwards; then x right, y down, z ahead.
-        ("thesis", "no unit"): thesis_cloud(shown.stretched)[0] * [1, 1, -1],
+        ("thesis", "no unit"): thesis_stereo.thesis_cloud(shown.stretched)[0] * [1, 1, -1],
         ("ours", "m"): shown.points_m * [1, -1, 1],
     }
     for row, ((whose, unit), points) in zip(axes, clouds.items(), strict=True):

@@ -24,19 +24,9 @@ from tokt_studies.thesis.patch_scores import (
     score_patches,
 )
 
+from . import frame_drawing as drawing
 from .disparity_figures import patches_in_map, thesis_map
 from .exhibit import LEARNT_ELSEWHERE, Claim, ClaimAgreement, Exhibit, Plot, StudyContext
-from .frame_drawing import (
-    SHOWN,
-    draw_dots,
-    draw_grid,
-    draw_truth,
-    explain_dots,
-    new_figure,
-    png_of,
-    show_frame,
-    show_mask,
-)
 from .training_image_figures import described
 
 _HIGH, _HALF = 0.8, 0.5
@@ -132,7 +122,7 @@ def prediction_dots(context: StudyContext) -> Exhibit:
     pooled = {one.name: pooled_score(patches.get(one.name, {}), truths) for one in said}
     caption = (
         f"Frame {number}: dots and mask by each method; green outlines are patches labelled as an "
-        f"obstacle. {SHOWN}"
+        f"obstacle. {drawing.SHOWN}"
     )
     return Exhibit(
         (
@@ -140,7 +130,7 @@ def prediction_dots(context: StudyContext) -> Exhibit:
             f"than ocean; they are white in the mask. {LEARNT_ELSEWHERE}",
         ),
         (dot_claim(said, truth, pooled), alike_claim(patches, context.scored)),
-        plots=(Plot("dots", caption, png_of(_figure(frame, said, truth))),),
+        plots=(Plot("dots", caption, drawing.png_of(_figure(frame, said, truth))),),
     )
 
 
@@ -163,7 +153,7 @@ def dot_claim(
             for one in said
         ),
         f"by F1 in the frame: {_RULE}",
-        agreement=_agreement(least),
+        agreement=ClaimAgreement.of(least >= _HIGH, least >= _HALF),
     )
 
 
@@ -176,26 +166,23 @@ def alike_claim(patches: Mapping[str, Mapping[int, Bools]], frames: Sequence[int
     either = sum(int((lbp[n] | haralick[n]).sum()) for n in both)
     if not either:
         return claim("no mask has anything", "empty masks cannot be told apart")
+    share = hits / either
     return claim(
-        f"of {either} patches that LBP (10, 5) or Haralick marks, {hits / either:.0%} by both",
+        f"of {either} patches that LBP (10, 5) or Haralick marks, {share:.0%} by both",
         f"by that share: {_RULE}",
-        agreement=_agreement(hits / either),
+        agreement=ClaimAgreement.of(share >= _HIGH, share >= _HALF),
     )
 
 
-def _agreement(share: float) -> ClaimAgreement:
-    return ClaimAgreement.of(share >= _HIGH, share >= _HALF)
-
-
 def _figure(frame: U8, said: Sequence[MethodPrediction], truth: Truth | None) -> Figure:
-    figure, rows = new_figure(10.5, 3.55 * len(said) + 0.3, len(said), 2, squeeze=False)
+    figure, rows = drawing.new_figure(10.5, 3.55 * len(said) + 0.3, len(said), 2, squeeze=False)
     for (dots, mask), one in zip(rows, said, strict=True):
-        size = show_frame(dots, frame)
-        draw_grid(dots, *size)
+        size = drawing.show_frame(dots, frame)
+        drawing.draw_grid(dots, *size)
         if truth is not None:
-            draw_truth(dots, truth, *size)
+            drawing.draw_truth(dots, truth, *size)
         dots.set_title(one.title, fontsize=10, loc="left")
-        draw_dots(dots, np.asarray(one.patches), *size)
-        show_mask(mask, np.asarray(one.mask))
-    explain_dots(rows[-1][0], truth is not None, ncols=4)
+        drawing.draw_dots(dots, np.asarray(one.patches), *size)
+        drawing.show_mask(mask, np.asarray(one.mask))
+    drawing.explain_dots(rows[-1][0], truth is not None, ncols=4)
     return figure

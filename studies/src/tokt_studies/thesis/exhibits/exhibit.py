@@ -9,12 +9,8 @@ import pandas as pd
 
 from tokt.models.bundle.bundle import Bundle
 from tokt_studies.thesis.inputs import StudyInputs
+from tokt_studies.thesis.methods import mission_models
 from tokt_studies.thesis.methods.curves import Curves, measure_curves
-from tokt_studies.thesis.methods.mission_models import (
-    SuperpixelMethods,
-    tokt_model,
-    train_superpixel_methods,
-)
 
 LEARNT_ELSEWHERE = "What the methods learnt from is said at figures 5.3 to 5.5."
 
@@ -94,14 +90,14 @@ class StudyContext(StudyInputs):
     """The inputs of a study, and what is computed from them once."""
 
     @cached_property
-    def superpixel_methods(self) -> SuperpixelMethods:
+    def superpixel_methods(self) -> mission_models.SuperpixelMethods:
         """SLIC and superpixel colours, trained for this mission."""
-        return train_superpixel_methods(self)
+        return mission_models.train_superpixel_methods(self)
 
     @cached_property
     def tokt_model(self) -> tuple[Bundle, str]:
         """A texture model of ours, nothing to be scored here, and what it learnt from."""
-        return tokt_model(self)
+        return mission_models.tokt_model(self)
 
     @cached_property
     def structure_frame(self) -> int:

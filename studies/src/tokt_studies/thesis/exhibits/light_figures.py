@@ -23,18 +23,9 @@ from tokt_studies.thesis.methods.curves import OURS, learnt_words
 from tokt_studies.thesis.methods.mission_models import TOKT_TEXTURE, learnt_from_labels
 from tokt_studies.thesis.patch_scores import Truth, truth_by_mask
 
+from . import frame_drawing as drawing
 from .dot_figures import MethodPrediction, by_disparity, by_stereo, by_thesis, said_by_patches
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
-from .frame_drawing import (
-    SHOWN,
-    draw_dots,
-    draw_truth,
-    explain_dots,
-    new_figure,
-    png_of,
-    show_frame,
-    show_mask,
-)
 from .training_image_figures import described
 
 SEED, TRAINING_SEED = 8, 9
@@ -123,7 +114,7 @@ def bad_lighting(context: StudyContext) -> Exhibit:
     )
     caption = (
         f"{bad.words} (5.6); what is there, {bad.truth_words} (5.7); and what each method says "
-        f"(5.8). Green outlines are obstacle patches. {SHOWN}"
+        f"(5.8). Green outlines are obstacle patches. {drawing.SHOWN}"
     )
     return Exhibit(
         _words(bad, said),
@@ -133,7 +124,7 @@ def bad_lighting(context: StudyContext) -> Exhibit:
             low_light_claim(low),
         ),
         (_scores(said, bad), Table("by-light", by_light, low)),
-        (Plot("predictions", caption, png_of(_figure(bad, said))),),
+        (Plot("predictions", caption, drawing.png_of(_figure(bad, said))),),
     )
 
 
@@ -255,7 +246,10 @@ def low_light_claim(rows: pd.DataFrame) -> Claim:
     """Whether disparity hangs on its threshold in low light, and LBP and Haralick are better."""
     low = rows[rows["light"] < 1]
     f1 = low[[LBP, HARALICK, DISPARITY]].astype(float).fillna(0.0).mean()
-    hang = {title: _hanging(low[f"{title}, mean"]) for title in f1.index}
+    # How many pictures' status another threshold changes.
+    least, most = STATUS_MEAN_THRESHOLD / _AROUND, STATUS_MEAN_THRESHOLD * _AROUND
+    means = {title: low[f"{title}, mean"] for title in f1.index}
+    hang = {title: int(one.between(least, most, "right").sum()) for title, one in means.items()}
     hangs = hang[DISPARITY] > 0 == hang[LBP] == hang[HARALICK]
     better = f1[[LBP, HARALICK]].min() > f1[DISPARITY]
     counted = ", ".join(f"{title} {value:.2f} ({hang[title]})" for title, value in f1.items())
@@ -269,22 +263,16 @@ def low_light_claim(rows: pd.DataFrame) -> Claim:
     )
 
 
-def _hanging(means: pd.Series) -> int:
-    """How many pictures' status another threshold changes."""
-    low, high = STATUS_MEAN_THRESHOLD / _AROUND, STATUS_MEAN_THRESHOLD * _AROUND
-    return int(((means > low) & (means <= high)).sum())
-
-
 def _figure(bad: BadPicture, said: Said) -> Figure:
     n_rows = -(-(3 + len(said)) // 3)
-    figure, axes = new_figure(11.5, 3.05 * n_rows + 0.4, n_rows, 3, squeeze=False)
+    figure, axes = drawing.new_figure(11.5, 3.05 * n_rows + 0.4, n_rows, 3, squeeze=False)
     panels = list(axes.ravel())
     height, width = GRID.resized(*bad.left.shape[:2])
     small = cv2.resize(bad.left, (width, height), interpolation=cv2.INTER_AREA)
     panels[0].imshow(small[..., ::-1] if small.ndim == 3 else small, cmap="gray", vmin=0, vmax=255)
-    show_frame(panels[1], bad.left)
+    drawing.show_frame(panels[1], bad.left)
     if bad.mask is not None:
-        show_mask(panels[2], bad.mask)
+        drawing.show_mask(panels[2], bad.mask)
     titles = ["as the camera gives it", "contrast raised", bad.truth_words]
     for axes, title in zip(panels, titles, strict=False):
         axes.set(xticks=[], yticks=[])
@@ -293,16 +281,16 @@ def _figure(bad: BadPicture, said: Said) -> Figure:
         _panel(axes, bad, one)
     for axes in panels[3 + len(said) :]:
         axes.set_axis_off()
-    explain_dots(panels[3 * (n_rows - 1)], bad.truth is not None)
+    drawing.explain_dots(panels[3 * (n_rows - 1)], bad.truth is not None)
     return figure
 
 
 def _panel(axes: Any, bad: BadPicture, one: MethodPrediction) -> None:
-    size = show_frame(axes, bad.left)
+    size = drawing.show_frame(axes, bad.left)
     if bad.truth is not None:
-        draw_truth(axes, bad.truth, *size)
+        drawing.draw_truth(axes, bad.truth, *size)
     if one.patches is not None:
-        draw_dots(axes, one.patches, *size)
+        drawing.draw_dots(axes, one.patches, *size)
         f1 = one.score(bad.truth).f1
         title = one.title if f1 is None else f"{one.title}: F1 {f1:.2f}"
     else:

@@ -9,13 +9,7 @@ import pandas as pd
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
-from tokt_studies.baselines.thesis_stereo import (
-    CROP_PX,
-    MIN_DISPARITY_PX,
-    N_DISPARITIES_PX,
-    block_matching,
-    undistorted_pair,
-)
+from tokt_studies.baselines import thesis_stereo
 from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.thesis.patch_scores import Truth
 
@@ -24,7 +18,7 @@ from .exhibit import Claim, ClaimAgreement, Exhibit, StudyContext, Table
 
 OPEN_FRAMES, SWEPT_FRAMES, MIRRORED_FRAMES = 6, 4, 8
 """Pairs of open water, pairs that the number of disparities is swept in, and pairs mirrored."""
-SWEEP = (16, 48, 80, N_DISPARITIES_PX, 144, 176, 208, 240)
+SWEEP = (16, 48, 80, thesis_stereo.N_DISPARITIES_PX, 144, 176, 208, 240)
 """Numbers of disparities in pixels, multiples of 16 as block matching wants them."""
 _SAME_PLACE = 0.5
 """Of what is white in any map, white in all of them: a line that stays where it is."""
@@ -48,8 +42,8 @@ def margin_figures(context: StudyContext) -> Exhibit:
     seen = seen_at_the_edges(context)
     edges = (
         "Part of the labelled obstacle that is white in the thesis's map without its right "
-        f"{CROP_PX} px, and part in these. The pair is moved until the obstacle touches the left "
-        "edge; its mirror image has it at the right one."
+        f"{thesis_stereo.CROP_PX} px, and part in these. The pair is moved until the obstacle "
+        "touches the left edge; its mirror image has it at the right one."
     )
     return Exhibit(
         claims=(line_claim(empty), sweep_claim(sweep), edge_claim(seen)),
@@ -69,7 +63,8 @@ def line_claim(maps: Sequence[U8]) -> Claim:
     if not maps:
         return claim("not measured", "no pair shows open water alone")
     white = np.stack(maps) > 0
-    parts = white[..., :CROP_PX], white[..., -CROP_PX:], white[..., CROP_PX:-CROP_PX]
+    cut = thesis_stereo.CROP_PX
+    parts = white[..., :cut], white[..., -cut:], white[..., cut:-cut]
     left, right, between = (float(part.mean()) for part in parts)
     alike = float(white.all(axis=0).sum() / max(white.any(axis=0).sum(), 1))
     whitest = right > max(left, between)
@@ -86,9 +81,9 @@ def matched_by_number(pairs: Sequence[tuple[U8, U8]]) -> pd.DataFrame:
     """Matched part of the map in per cent: a row a pair, a column a number of `SWEEP`."""
     rows = []
     for left, right in pairs:
-        views = undistorted_pair(at_thesis_size(left), at_thesis_size(right))
-        maps = {number: block_matching(number).compute(*views) for number in SWEEP}
-        unmatched = 16 * (MIN_DISPARITY_PX - 1)
+        views = thesis_stereo.undistorted_pair(at_thesis_size(left), at_thesis_size(right))
+        maps = {number: thesis_stereo.block_matching(number).compute(*views) for number in SWEEP}
+        unmatched = 16 * (thesis_stereo.MIN_DISPARITY_PX - 1)
         rows.append({n: 100 * float((found > unmatched).mean()) for n, found in maps.items()})
     return pd.DataFrame(rows, columns=list(SWEEP))
 
@@ -102,7 +97,7 @@ def sweep_claim(sweep: pd.DataFrame) -> Claim:
     falls = median.diff().dropna() < 0
     return claim(
         f"matched part of the map: {median.iloc[0]:.2f} % with {SWEEP[0]}, "
-        f"{median[N_DISPARITIES_PX]:.2f} % with {N_DISPARITIES_PX}, "
+        f"{median[thesis_stereo.N_DISPARITIES_PX]:.2f} % with {thesis_stereo.N_DISPARITIES_PX}, "
         f"{median.iloc[-1]:.2f} % with {SWEEP[-1]}",
         "to agree: falls at each step; in part: from first to last. At uniqueness ratio 0 each "
         "textured pixel gets some disparity",
@@ -140,10 +135,10 @@ def _seen(stretched: U8, there: Truth, edge: str) -> dict[str, float]:
     """Part of an obstacle that is white in a map without its right margin, and part in that."""
     obstacle = in_map(there)
     all_of_it = max(int(obstacle.sum()), 1)
-    white = (obstacle & (stretched > 0))[:, :-CROP_PX]
+    white = (obstacle & (stretched > 0))[:, : -thesis_stereo.CROP_PX]
     return {
         edge: float(white.sum() / all_of_it),
-        f"{edge}, in the margin": float(obstacle[:, -CROP_PX:].sum() / all_of_it),
+        f"{edge}, in the margin": float(obstacle[:, -thesis_stereo.CROP_PX :].sum() / all_of_it),
     }
 
 

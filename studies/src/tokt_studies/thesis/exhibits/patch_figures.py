@@ -12,21 +12,13 @@ from tokt.features.extractors.extractor import HARALICK_NAMES
 from tokt_studies.baselines.thesis_models import TITLES
 from tokt_studies.baselines.thesis_texture import GRID
 
+from . import frame_drawing as drawing
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext
-from .frame_drawing import (
-    OCEAN_COLOR,
-    OTHER_COLOR,
-    SHOWN,
-    draw_grid,
-    new_figure,
-    png_of,
-    show_frame,
-)
 from .training_image_figures import LBP_KEYS, described, draw_histogram, kind_legend
 
 _DRAWN_CELLS = {"structure": (5, 5), "ocean": (3, 3)}
 """Row and column of the two patches that the thesis's program draws, red and blue."""
-_COLORS = {"structure": OTHER_COLOR, "ocean": OCEAN_COLOR}
+_COLORS = {"structure": drawing.OTHER_COLOR, "ocean": drawing.OCEAN_COLOR}
 _DIFFERS = 0.95
 """Part of the clear patches that must be more like the ocean patch than the structure's is."""
 
@@ -42,7 +34,7 @@ def patch_histograms(context: StudyContext) -> Exhibit:
     patches, how = _choose(labels)
     lbp = (
         f"Frame {number} with the two patches, and their LBP histograms (figure 3.16); a bar that "
-        f"is cut off has its value beside it. {SHOWN}"
+        f"is cut off has its value beside it. {drawing.SHOWN}"
     )
     haralick = (
         f"Frame {number}: the size of Haralick's 13 features of the two patches, logarithmic "
@@ -54,8 +46,12 @@ def patch_histograms(context: StudyContext) -> Exhibit:
         ),
         claims=(histogram_claim(rows, patches, labels == 0),),
         plots=(
-            Plot("lbp-patches", lbp, png_of(_lbp_figure(frame, rows, patches))),
-            Plot("haralick-patches", haralick, png_of(_haralick_figure(rows["haralick"], patches))),
+            Plot("lbp-patches", lbp, drawing.png_of(_lbp_figure(frame, rows, patches))),
+            Plot(
+                "haralick-patches",
+                haralick,
+                drawing.png_of(_haralick_figure(rows["haralick"], patches)),
+            ),
         ),
     )
 
@@ -117,8 +113,8 @@ def _lbp_figure(frame: U8, rows: dict[str, F64], patches: Cells) -> Figure:
          ["frame", "ocean lbp_10_5", "ocean lbp_24_8"]],
         width_ratios=(1.5, 1, 1.7),
     )  # fmt: skip
-    height, width = show_frame(axes["frame"], frame)
-    draw_grid(axes["frame"], height, width)
+    height, width = drawing.show_frame(axes["frame"], frame)
+    drawing.draw_grid(axes["frame"], height, width)
     boxes = GRID.boxes(height, width)
     for name, cell in patches.items():
         y0, y1, x0, x1 = boxes[cell]
@@ -137,7 +133,7 @@ def _lbp_figure(frame: U8, rows: dict[str, F64], patches: Cells) -> Figure:
 
 
 def _haralick_figure(rows: F64, patches: Cells) -> Figure:
-    figure, features = new_figure(7.0, 4.2)
+    figure, features = drawing.new_figure(7.0, 4.2)
     place = np.arange(len(HARALICK_NAMES))
     for shift, (name, cell) in zip((-0.2, 0.2), patches.items(), strict=True):
         features.barh(place + shift, np.abs(rows[cell]), 0.4, color=_COLORS[name], label=name)

@@ -31,16 +31,10 @@ from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
 from tokt.inference.verdict import Verdict, verdict_from_mask
 from tokt.models.linear import LinearModel
+from tokt_studies.baselines import thesis_stereo
 from tokt_studies.baselines.mean_disparity import Thirds
 from tokt_studies.baselines.slic import SlicTexture, resized_bgr, superpixels
 from tokt_studies.baselines.thesis_models import ThesisModel
-from tokt_studies.baselines.thesis_stereo import (
-    THESIS_FRAME_SIZE,
-    THESIS_SIZE_WORDS,
-    disparity_map,
-    judge_pair,
-    undistorted_pair,
-)
 from tokt_studies.baselines.thesis_texture import GRID, resized_gray
 from tokt_studies.speed.paired_timing import in_turns, single_thread
 from tokt_studies.thesis.methods.curves import COMPARED, OURS, THESIS
@@ -237,8 +231,8 @@ def thesis_disparity() -> TimedMethod:
     """The thesis's disparity of a pair of 1360x1024."""
     return _of_pairs(
         ("disparity", "disparity, a pair", THESIS),
-        lambda _, left, right: judge_pair(left, right).verdict,
-        (undistorted_pair, disparity_map),
+        lambda _, left, right: thesis_stereo.judge_pair(left, right).verdict,
+        (thesis_stereo.undistorted_pair, thesis_stereo.disparity_map),
     )
 
 
@@ -392,7 +386,7 @@ def methods_of(context: StudyContext) -> list[TimedMethod]:
     methods = [slic_texture(one) for one in context.superpixel_methods.textures]
     methods += [thesis_texture(model) for model in context.thesis.values()]
     size = context.any_picture().shape[1::-1]
-    if context.pairs and size == THESIS_FRAME_SIZE:
+    if context.pairs and size == thesis_stereo.THESIS_FRAME_SIZE:
         methods.append(thesis_disparity())
     methods += [thesis_model_with_kernels(model) for model in context.thesis.values()]
     own, _ = context.tokt_model
@@ -551,7 +545,7 @@ def _claim(found: Found, key: str, what: str) -> Claim:
     seconds = f"{theirs:g} s to {reference:g} s"
     claim = Claim.about(what, f"{ratio_there:.3g} ({seconds}; tables 5.1 to 5.4)")
     if key not in found:
-        why = f"this mission has no pairs of {THESIS_SIZE_WORDS}, the thesis's size"
+        why = f"this mission has no pairs of {thesis_stereo.THESIS_SIZE_WORDS}, the thesis's size"
         return claim("not measured", why)
     ratio, low, high = _middle(_ratio(found, key))
     own = found[key].stage_ms

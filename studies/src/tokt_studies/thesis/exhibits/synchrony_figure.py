@@ -38,13 +38,8 @@ from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.rectify import rectified, rectifying
+from tokt.training.rig.calibrate import matching
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
-from tokt.training.rig.calibrate.matching import (
-    even_contrast_gaussian,
-    gray_view,
-    match_frame,
-    view_scale,
-)
 
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
@@ -109,7 +104,7 @@ def rows_of(
 def _rows_of_frame(
     mission: Mission, calibration: StereoCalibration, number: int
 ) -> pd.DataFrame | None:
-    matched = match_frame(mission, number, calibration.frame_size)
+    matched = matching.match_frame(mission, number, calibration.frame_size)
     if matched is None:
         return None
     step = max(1, -(-len(matched) // _POINTS_A_FRAME))
@@ -136,9 +131,9 @@ def _rows_of_frame(
 
 def _followed(mission: Mission, number: int, other: int, places: F64) -> F64:
     """Where points of a left frame are in another left frame; nan where they are lost."""
-    (here, (width, _)), (there, _) = (gray_view(mission, n, LEFT) for n in (number, other))
-    scale = view_scale(width)
-    views = even_contrast_gaussian(here), even_contrast_gaussian(there)
+    (here, (width, _)), (there, _) = (matching.gray_view(mission, n, LEFT) for n in (number, other))
+    scale = matching.view_scale(width)
+    views = matching.even_contrast_gaussian(here), matching.even_contrast_gaussian(there)
     start = ((places + 0.5) * scale - 0.5).astype(np.float32)[:, None]
     found, seen = _flow(*views, start)
     back, again = _flow(*views[::-1], found)

@@ -17,18 +17,8 @@ from scipy.stats import theilslopes
 from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.inference.frame import Frame
+from tokt.inference.policy import temporal_cues as cues
 from tokt.inference.policy.assembly import StereoSetup
-from tokt.inference.policy.temporal_cues import (
-    GROWING,
-    HORIZON_S,
-    MIN_SLOTS,
-    MIN_SPAN_S,
-    SHRINKING,
-    STEADY,
-    STEADY_PER_S,
-    TrendEstimator,
-    wholly_in_view,
-)
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, UNKNOWN, verdict_from_mask
@@ -46,9 +36,9 @@ mission's."""
 STEREO = "tokt stereo"
 MIN_FRAMES = 12
 _SPREAD = (10, 50, 90)
-_COLORS = {GROWING: "#c0392b", STEADY: "#4a8f4a", SHRINKING: "#2d6cb3", None: "0.75"}
+_COLORS = {cues.GROWING: "#c0392b", cues.STEADY: "#4a8f4a", cues.SHRINKING: "#2d6cb3", None: "0.75"}
 _COLOR_WORDS = ("growing: comes nearer", "steady", "shrinking: goes away", "none")
-MOVING = (GROWING, SHRINKING)
+MOVING = (cues.GROWING, cues.SHRINKING)
 _MIN_RANKED = 5
 
 Held = Mapping[str, pd.DataFrame]
@@ -103,7 +93,7 @@ def means_of_patches(curves: Curves, name: str, frames: Sequence[int]) -> pd.Dat
 def _whole(patches: Bools) -> bool:
     """Whether the patches lie wholly in the picture, at any of the grid's sizes."""
     height, width = GRID.rows * 27, GRID.cols * 36
-    return wholly_in_view(verdict_from_mask(GRID.paint(patches, height, width), "texture"))
+    return cues.wholly_in_view(verdict_from_mask(GRID.paint(patches, height, width), "texture"))
 
 
 def means_of_stereo(
@@ -121,7 +111,7 @@ def means_of_stereo(
         if detection.mask is None:
             continue
         verdict = verdict_from_mask(detection.mask, "disparity", distance_m=detection.distance_m)
-        means.loc[number] = verdict.mean or 0.0, wholly_in_view(verdict, blind_m)
+        means.loc[number] = verdict.mean or 0.0, cues.wholly_in_view(verdict, blind_m)
         if matches is not None and matches.valid.any():
             depth_m[number] = np.median(detector.depth_m(matches)[matches.valid])
     return means, depth_m
@@ -145,7 +135,7 @@ def trend_against_depth(seen: pd.DataFrame, depth_m: pd.Series) -> pd.DataFrame:
     """
     held = seen.assign(depth_m=depth_m.reindex(seen.index))
     times, depths = held.index.to_numpy() * SECONDS_A_FRAME, held.depth_m.to_numpy()
-    estimator, rows = TrendEstimator(), []
+    estimator, rows = cues.TrendEstimator(), []
     for place, (t_s, one) in enumerate(zip(times, seen.itertuples(), strict=True), 1):
         mean = float(one.mean) if np.isfinite(one.mean) else None
         said = estimator.add(float(t_s), mean, bool(one.whole))
@@ -162,15 +152,15 @@ def depth_trend(times_s: F64, depths_m: F64) -> tuple[str | None, float | None]:
     """
     if not len(depths_m) or not np.isfinite(depths_m[-1]):
         return None, None
-    used = np.isfinite(depths_m) & (times_s > times_s[-1] - HORIZON_S)
+    used = np.isfinite(depths_m) & (times_s > times_s[-1] - cues.HORIZON_S)
     t, z = times_s[used] - times_s[-1], depths_m[used]
-    if len(z) < MIN_SLOTS or -t[0] < MIN_SPAN_S:
+    if len(z) < cues.MIN_SLOTS or -t[0] < cues.MIN_SPAN_S:
         return None, None
     line = theilslopes(z, t)
     of_the_mean = -2 * line.slope / line.intercept
-    if of_the_mean > STEADY_PER_S:
-        return GROWING, -line.intercept / line.slope
-    return SHRINKING if of_the_mean < -STEADY_PER_S else STEADY, None
+    if of_the_mean > cues.STEADY_PER_S:
+        return cues.GROWING, -line.intercept / line.slope
+    return cues.SHRINKING if of_the_mean < -cues.STEADY_PER_S else cues.STEADY, None
 
 
 def score(held: pd.DataFrame) -> dict[str, float | int | None]:
@@ -179,7 +169,7 @@ def score(held: pd.DataFrame) -> dict[str, float | int | None]:
     asked = seen[seen.by_depth.notna()]
     signed = asked[asked.by_depth.isin(MOVING) & asked.trend.isin(MOVING)]
     same = int((signed.by_depth == signed.trend).sum())
-    missed = (asked.by_depth == GROWING) & asked.trend.isin((STEADY, SHRINKING))
+    missed = (asked.by_depth == cues.GROWING) & asked.trend.isin((cues.STEADY, cues.SHRINKING))
     ratios = (held.contact_s / held.contact_s_by_depth).dropna().astype(float)
     return {
         "asked": len(asked),  # something is seen, and the depth's change is known
@@ -207,9 +197,9 @@ def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str])
         f"Frames {frames[0]} to {frames[-1]}, from the first to the last that stereo sees "
         f"something in. They carry no times: {SECONDS_A_FRAME} s are taken from frame to frame. "
         f"Cameras: {context.calibration_words}.",
-        f"The trend is the runtime's, over {HORIZON_S:g} s. What is right is the slope of the "
+        f"The trend is the runtime's, over {cues.HORIZON_S:g} s. What is right is the slope of the "
         "median stereo depth over the same seconds; less than "
-        f"{STEADY_PER_S / 2:g} of the depth a second is steady.",
+        f"{cues.STEADY_PER_S / 2:g} of the depth a second is steady.",
         LEARNT_ELSEWHERE if texture else "No texture method judged these frames.",
         "Where it fails: what leaves the picture, or is too near for stereo, shrinks while it "
         "comes nearer. A time to contact is said only while the whole thing is in the picture.",

@@ -25,15 +25,10 @@ from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import UNKNOWN, verdict_from_mask
+from tokt.inference.verdict import UNKNOWN, Verdict, verdict_from_mask
 from tokt.models.bundle.bundle import frame_id, read_bundle
 from tokt.training.datasets.augmentations import augment
-from tokt.training.fitting.presets import (
-    DEFAULT_EXTRACTOR,
-    TrainingSettings,
-    extractor_for,
-    settings_named,
-)
+from tokt.training.fitting import presets
 from tokt.training.parallel import mapped
 from tokt_studies.baselines.mean_disparity import Thirds
 from tokt_studies.baselines.size_change import SizeChange
@@ -54,6 +49,7 @@ THESIS_DISPARITY = "disparity"
 TOKT_STEREO, TOKT_MODEL = "tokt_stereo", "tokt_model"
 ONE_CAMERA = SizeChange.name, TOKT_MODEL  # which is the one asked for
 
+Settings = presets.TrainingSettings | None
 MakeMethod = Callable[[], Policy]
 """Makes what judges a run of frames; it goes to another process."""
 
@@ -92,6 +88,14 @@ class FrameResult:
     patches: dict[str, Bools] = field(default_factory=dict)
     features: list[F64] = field(default_factory=list)
 
+    def add(self, verdict: Verdict, name: str) -> None:
+        """Take what a method says of it."""
+        self.mean[name], self.status[name] = float(verdict.mean or 0.0), verdict.status
+
+
+Readable = Sequence[FrameResult]
+"""Of the frames that could be read."""
+
 
 def judge_frame(task: FrameTask) -> FrameResult:
     """Judge one frame by each of its methods."""
@@ -104,14 +108,11 @@ def judge_frame(task: FrameTask) -> FrameResult:
     found = FrameResult(task.number, (picture.shape[0], picture.shape[1]))
     for model in task.thesis:
         judged = model.judge(picture)
-        found.mean[model.name] = float(judged.verdict.mean or 0.0)
-        found.status[model.name] = judged.verdict.status
+        found.add(judged.verdict, model.name)
         found.patches[model.name] = judged.obstacle
     _judge_pair(task, found)
     for method in task.superpixel_methods:
-        verdict = verdict_from_mask(method.mask(picture), method.name)
-        found.mean[method.name] = float(verdict.mean or 0.0)
-        found.status[method.name] = verdict.status
+        found.add(verdict_from_mask(method.mask(picture), method.name), method.name)
     if task.spec is not None:
         extractor = build_extractor(task.spec)
         pictures = (picture, *(augment(picture, name) for name in task.changes))
@@ -228,7 +229,7 @@ def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -
     learn from two images, and a mission's frame among these is not scored; ours is held out
     (`held_out_texture`). SLIC and superpixel colours judge a sample of the frames.
     """
-    settings = settings_named(PRESET) if inputs.obstacle_patches else None
+    settings = presets.settings_named(PRESET) if inputs.obstacle_patches else None
     sample, numbers = inputs.spread(), inputs.scored
     tasks = _frame_tasks(inputs, {n: superpixel_methods.of(n) for n in sample}, settings)
     found = mapped(judge_frame, tasks, inputs.request.jobs)
@@ -245,14 +246,12 @@ def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -
 
 
 def _frame_tasks(
-    inputs: StudyInputs,
-    slow: Mapping[int, list[SuperpixelMethod]],
-    settings: TrainingSettings | None,
+    inputs: StudyInputs, slow: Mapping[int, list[SuperpixelMethod]], settings: Settings
 ) -> Iterator[FrameTask]:
     """What is to be done with each scored frame; `slow` are the methods of a sample of them."""
     mission = inputs.mission
     lefts, rights = (set(mission.frames(camera)) for camera in (LEFT, RIGHT))
-    spec = extractor_for(DEFAULT_EXTRACTOR, PRESET).spec if settings else None
+    spec = presets.extractor_for(presets.DEFAULT_EXTRACTOR, PRESET).spec if settings else None
     for number in inputs.scored:
         yield FrameTask(
             number,
@@ -266,14 +265,14 @@ def _frame_tasks(
         )
 
 
-def _add_judged(curves: Curves, name: str, method: Method, readable: Sequence[FrameResult]) -> None:
+def _add_judged(curves: Curves, name: str, method: Method, readable: Readable) -> None:
     """A method that judged the frames one by one."""
     by_it = [one for one in readable if name in one.mean]
     means = {one.number: one.mean[name] for one in by_it}
     curves.add(name, method, means, {one.number: one.status[name] for one in by_it})
 
 
-def _add_thesis(curves: Curves, inputs: StudyInputs, readable: Sequence[FrameResult]) -> None:
+def _add_thesis(curves: Curves, inputs: StudyInputs, readable: Readable) -> None:
     """The thesis's texture models, and its disparity."""
     for name, model in inputs.thesis.items():
         _add_judged(curves, name, Method(model.title, THESIS, inputs.two_images), readable)
@@ -292,10 +291,7 @@ def _add_thesis(curves: Curves, inputs: StudyInputs, readable: Sequence[FrameRes
 
 
 def _add_slow(
-    curves: Curves,
-    methods: SuperpixelMethods,
-    sample: Sequence[int],
-    readable: Sequence[FrameResult],
+    curves: Curves, methods: SuperpixelMethods, sample: Sequence[int], readable: Readable
 ) -> None:
     """The methods on superpixels."""
     for one in methods.of(sample[0]):
@@ -308,10 +304,7 @@ def _add_slow(
 
 
 def _add_texture(
-    curves: Curves,
-    inputs: StudyInputs,
-    settings: TrainingSettings | None,
-    readable: Sequence[FrameResult],
+    curves: Curves, inputs: StudyInputs, settings: Settings, readable: Readable
 ) -> None:
     """Our texture model, held out; without settings there is nothing to learn from."""
     try:

@@ -26,6 +26,7 @@ from tokt.models.operating_point import MofNRule, frame_step, missed_before
 from tokt.training.datasets.dataset import DatasetVersion, write_dataset
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
+from tokt.training.fitting import presets
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
 from tokt.training.fitting.classifier import decision_values, fit_rows, linear_model
 from tokt.training.fitting.cross_validation import (
@@ -34,12 +35,6 @@ from tokt.training.fitting.cross_validation import (
     check_split,
     choose_hyperparameters,
     rows_tested,
-)
-from tokt.training.fitting.presets import (
-    CHOSEN_ON,
-    DEFAULT_EXTRACTOR,
-    TrainingSettings,
-    extractor_for,
 )
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from tokt_studies.baselines.lab_colour import LabColour, labelled_example
@@ -61,6 +56,7 @@ copies."""
 
 SuperpixelMethod = SlicTexture | LabColour
 Tables = Mapping[int, Sequence[F64]]
+Sizes = Mapping[int, tuple[int, int]]
 Learnt = tuple[list[MofNRule], dict[int, tuple[int, F64]]]
 """By fold its frame rule, chosen inside the training part; by frame its fold and its scores."""
 
@@ -78,10 +74,7 @@ class HeldOutTexture(NamedTuple):
 
 
 def held_out_texture(
-    inputs: StudyInputs,
-    features: Tables,
-    sizes: Mapping[int, tuple[int, int]],
-    settings: TrainingSettings,
+    inputs: StudyInputs, features: Tables, sizes: Sizes, settings: presets.TrainingSettings
 ) -> HeldOutTexture:
     """Judge each frame that could be read, of `sizes` (height, width), by a model of other blocks.
 
@@ -126,7 +119,7 @@ def _learn(
     dataset: DatasetVersion,
     split: Split,
     features: Tables,
-    settings: TrainingSettings,
+    settings: presets.TrainingSettings,
 ) -> Learnt:
     """Judge frames by models of the folds' training parts."""
     table, *augmented = _tables(dataset, features, 1 + len(settings.changes))
@@ -168,7 +161,7 @@ def _judges(
     return judges
 
 
-def _judged(learnt: Learnt, sizes: Mapping[int, tuple[int, int]], words: str) -> HeldOutTexture:
+def _judged(learnt: Learnt, sizes: Sizes, words: str) -> HeldOutTexture:
     """The frames in their order by each fold's rule; a frame's verdict is that of its own fold."""
     rules, scores = learnt
     numbers = sorted(sizes)
@@ -194,13 +187,13 @@ def _judged(learnt: Learnt, sizes: Mapping[int, tuple[int, int]], words: str) ->
     return found
 
 
-def _words(dataset: DatasetVersion, split: Split, settings: TrainingSettings) -> str:
+def _words(dataset: DatasetVersion, split: Split, settings: presets.TrainingSettings) -> str:
     weak = (
         "weak split, as short blocks leave near copies on both sides: "
         if (dataset.block_frames or 0) < _WEAK_BLOCK_FRAMES
         else ""
     )
-    own_choice = f" {CHOSEN_ON['best']}" if settings.preset == "best" else ""
+    own_choice = f" {presets.CHOSEN_ON['best']}" if settings.preset == "best" else ""
     return (
         f"preset {settings.preset}; {weak}{split.folds}-fold cross-validation over blocks of "
         f"{dataset.block_frames} frames, without training frames within {split.embargo_frames} of "
@@ -249,7 +242,7 @@ def tokt_model(inputs: StudyInputs) -> tuple[Bundle, str]:
 
 
 def _fitted(inputs: StudyInputs, examples: TrainingExamples) -> tuple[Bundle, str]:
-    extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
+    extractor = presets.extractor_for(presets.DEFAULT_EXTRACTOR, PRESET)
     models = fit_extractor_pair(PRESET, extractor, examples, inputs.any_picture())
     return models.bundle, f"the features of preset {PRESET}, {examples.words}"
 
