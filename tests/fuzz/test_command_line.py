@@ -122,18 +122,3 @@ def test_a_command_refuses_changed_inputs_in_one_line(command, tmp_path, try_cas
             return _call(tmp_path / "box", files, arguments, port)
 
         try_cases(one, few=0, share=0.03)
-
-
-@pytest.mark.parametrize(
-    ("code", "err", "fault"),
-    [
-        (2, "tokt: error: no\n", ""),
-        (0, "note: odd\n", ""),
-        (2, "tokt: error: no\ntokt: error: no\n", "2 lines of error"),
-        (2, "Usage:\n", "0 lines of error"),
-        (1, "Traceback (most recent call last):\n", "a traceback"),
-        (-11, "", "exit code -11"),
-    ],
-)
-def test_how_a_command_may_end(code, err, fault):
-    assert fault_of(code, "", err) == fault

@@ -15,7 +15,6 @@ import tarfile
 import tomllib
 import zipfile
 from contextlib import closing
-from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
 from urllib.parse import urljoin, urlsplit
@@ -24,8 +23,6 @@ import psutil
 import pytest
 
 from tests.waiting import MAX_S
-from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bundle
-from tokt.models.store.store import Store
 
 from .installed import Installed
 
@@ -243,26 +240,6 @@ def test_a_watched_run_that_is_killed_is_back(start, tiny, tiny_bundle, tmp_path
     dog.until(lambda: len({line["run"] for line in _lines(log)}) == 2)
     assert "signal 9; started again (1)" in dog.said()
     dog.end()
-
-
-@on_posix
-def test_a_run_goes_over_to_a_store_s_next_model(start, tiny, tiny_bundle, tmp_path):
-    first, store, log = read_bundle(tiny_bundle), Store(tmp_path / "store"), tmp_path / "log.jsonl"
-    second = bundle_from_bytes(bundle_bytes(replace(first.content, version="2")), "2")
-    store.deploy(first)
-    run = start("run", "--store", store.path, "--source", tiny.path, "--rate", 1, "--log", log)
-
-    def models():
-        return [line["model"] for line in _lines(log) if line["frame"] is not None]
-
-    run.until(models)
-    store.deploy(second)
-    run.until(lambda: models()[-1] == second.label)
-    assert set(models()) == {first.label, second.label}
-    run.end(signal.SIGTERM)
-    events = [line for line in _lines(tmp_path / "log.events.jsonl") if line["event"] == "model"]
-    found = [(event["label"], event["sha256"]) for event in events]
-    assert found == [(second.label, second.sha256)]
 
 
 @on_posix

@@ -11,7 +11,6 @@ from skimage.segmentation import slic
 
 from tokt.features.common.errors import ToktError
 from tokt.training.fitting.train import rendered_other_image
-from tokt_studies.baselines import slic as slic_module
 from tokt_studies.baselines.lab_colour import LabColour, labelled_example
 from tokt_studies.baselines.slic import SlicTexture, outline_boxes, resized_bgr, superpixels
 from tokt_studies.baselines.thesis_texture import GRID, describe_haralick, describe_lbp_10_5
@@ -69,17 +68,6 @@ def test_a_superpixel_is_judged_by_the_whole_rectangle_around_it():
         expected[y : y + height, x : x + width] = 255 * (turn % 2 == 0)
     assert len(seen) == len(boxes) >= 80
     assert (mask == expected).all()
-
-
-def test_a_rectangle_without_features_is_ocean():
-    def nothing(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
-        return np.full(13, np.nan)
-
-    frame = np.full((271, 360), 20, np.uint8)
-    assert not SlicTexture(nothing, _Odd(), "none").mask(frame).any()
-    assert slic_module._features(np.zeros((1, 1), np.uint8), describe_haralick) is None
-    with pytest.raises(ToktError, match="no superpixel of the ocean image"):
-        SlicTexture.train(frame, frame, nothing, "none")
 
 
 def shuffled_lbp() -> Callable[[NDArray[np.uint8]], NDArray[np.float64]]:

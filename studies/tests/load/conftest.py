@@ -1,5 +1,5 @@
 """The measurements of `tests/load` that render their missions, as commands in this process."""
 
-from tests.load.conftest import browser, run_load
+from tests.load.conftest import run_load
 
-__all__ = ["browser", "run_load"]
+__all__ = ["run_load"]

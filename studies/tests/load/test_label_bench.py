@@ -3,17 +3,14 @@
 import json
 import shutil
 
-import cv2
 import pytest
 
 from tests.load.effort.effort import LabellingEffort
 from tests.load.page.bench import label_report
 from tests.load.page.chart import label_chart_png
-from tests.load.page.mission import link_frames
 from tests.load.program import label_server
 from tests.load.report import Timing, print_report
 from tokt.features.common.errors import ToktError
-from tokt.features.frames.mission import open_mission
 
 TIMES = [
     *("first_page", "next_frame", "next_frame_fast", "jump"),
@@ -54,12 +51,6 @@ def an_effort(with_model: int, **more) -> LabellingEffort:
     )
 
 
-def test_the_effort_is_held_against_what_is_asked():
-    assert an_effort(60).asked == 60 and an_effort(60).holds
-    assert an_effort(61).holds is False and an_effort(60, against=1).holds is False
-    assert an_effort(90, unsure=True).holds is None
-
-
 def test_tables_and_chart_say_what_is_not_kept(capsys):
     times = [Timing("slow", "from here to there", [200.0, 300.0], 100.0)]
     efforts = [an_effort(61, wrong=["frame 1 patch 2: ocean instead of reef"])]
@@ -70,16 +61,6 @@ def test_tables_and_chart_say_what_is_not_kept(capsys):
     assert "60" in shown and "61" in shown and "ocean instead of reef" in shown
     chart = label_chart_png(times, efforts, ABOUT)
     assert chart.startswith(b"\x89PNG") and len(label_chart_png(times, [], ABOUT)) < len(chart)
-
-
-def test_a_long_mission_is_links_to_few_pictures(tiny, tmp_path):
-    link_frames(tiny.path / "Left", tmp_path / "long", 100)
-    mission = open_mission(tmp_path / "long")
-    assert mission.frames() == list(range(1, 101))
-    assert (mission.read(1) == mission.read(41)).all()
-    assert not (mission.read(1) == mission.read(2)).all()
-    target = next((tmp_path / "long" / "Left").iterdir()).resolve()
-    assert target.parent == (tiny.path / "Left").resolve() and cv2.imread(str(target)) is not None
 
 
 def test_a_server_that_ends_is_told_with_its_last_words(tmp_path):

@@ -111,18 +111,6 @@ def test_labels_name_a_fault_where_its_centre_is_seen(dive):
             assert around.count(fault["class"]) >= 3
 
 
-def test_a_fault_is_named_nowhere_else(dive):
-    out, _ = dive
-    faults = rows(out / "faults.csv")
-    along = {
-        f["frame"]: f["along_m"] for f in json.loads((out / "scene.json").read_text())["frames"]
-    }
-    for (frame, _, _), label in labels_of(out).items():
-        if label in ("damage", "growth", "net"):
-            ahead = [float(f["along_m"]) - along[frame] for f in faults if f["class"] == label]
-            assert any(0 < distance < 4.5 for distance in ahead)
-
-
 def test_pictures_show_a_fault_where_its_centre_is(dive):
     """What the left camera shows there, the right one shows at the place that follows."""
     out, _ = dive

@@ -12,16 +12,14 @@ from tokt_studies.simulation.rendering.lighting import expose, tower_light
 from tokt_studies.simulation.rendering.loop_lighting import ViewMaps, surface_light
 from tokt_studies.simulation.rendering.raycast import Hits, View
 from tokt_studies.simulation.rendering.sensor import develop
-from tokt_studies.simulation.rendering.snow import Snow
 from tokt_studies.simulation.rendering.stereo_renderer import StereoRenderer
 from tokt_studies.simulation.rendering.synthetic_mission import JPEG, MissionScene
 from tokt_studies.simulation.rendering.trajectory import CameraPose
 from tokt_studies.simulation.scene.closed_loop_world import Placed, World
-from tokt_studies.simulation.scene.fish_and_dust import DustCloud, Puffs, School
+from tokt_studies.simulation.scene.fish_and_dust import DustCloud, School
 from tokt_studies.simulation.scene.obstacles import one_tower, trap
 from tokt_studies.simulation.scene.surfaces import STALK_MATERIAL, Materials, Surfaces
 from tokt_studies.simulation.scene.tower import NO_STALKS, Tower, upright
-from tokt_studies.simulation.scene.water import Water
 
 pytestmark = pytest.mark.xdist_group("renderer")
 
@@ -206,40 +204,6 @@ def test_fish_swim_where_the_school_is_and_are_nothing_to_hit(scene):
     assert np.isinf(world.clearance_m(school.at(0.0))).all()
 
 
-def cloud_at(z, density=0.9):
-    puffs = Puffs(np.array([[0.0, 0.3, z]]), np.array([0.5]), np.array([density]))
-    return DustCloud(puffs, np.array([0.05, 0.0, 0.0]), 0.004, 60.0)
-
-
-def test_dust_brightens_hides_what_is_behind_it_and_thins(scene, tower):
-    position = place(0.0, 0.3, -4.0)
-
-    def frame(*dust, things=(tower,), t=0.0):
-        world = World(scene.water, things, None, dust, seed=3)
-        return gray(StereoRenderer(world, scene.rig, 5).left(t, position, 0.0, STILL))
-
-    on_tower = np.isfinite(hits_of(World(scene.water, (tower,)), scene.rig, position).depth)
-    on_tower = cv2.erode(on_tower.reshape(271, WIDTH).astype(np.uint8), np.ones((3, 3))) > 0
-
-    def texture(picture):
-        """Deviation about the surroundings, where the tower is."""
-        return (picture - cv2.GaussianBlur(picture, (0, 0), 4))[on_tower].std()
-
-    clean, before, behind = frame(), frame(cloud_at(-2.0)), frame(cloud_at(2.0))
-    water = frame(things=())
-    dusty, later, late = (frame(cloud_at(-2.0), things=(), t=t) for t in (0.0, 30.0, 600.0))
-    assert (dusty - water).mean() > 2
-    assert (late - frame(things=(), t=600.0)).mean() == pytest.approx(0, abs=0.05)
-    risen = np.maximum(cv2.GaussianBlur(later - frame(things=(), t=30.0), (0, 0), 3), 0)
-    assert 0.2 < risen.mean() < 0.8 * (dusty - water).mean()
-    started = np.maximum(cv2.GaussianBlur(dusty - water, (0, 0), 3), 0)
-    columns = np.arange(WIDTH)
-    middle = [(picture.sum(axis=0) @ columns) / picture.sum() for picture in (started, risen)]
-    assert middle[1] > middle[0] + 20
-    assert texture(before) < 0.5 * texture(clean)
-    assert texture(behind) == pytest.approx(texture(clean), rel=0.05)
-
-
 def old_and_new(scene, frames, side):
     """Frames of open water as a mission has them, and as the closed loop has them."""
     renderer = StereoRenderer(World(scene.water, seed=3), scene.rig, 5)
@@ -280,27 +244,6 @@ def test_open_water_has_the_grey_levels_and_noise_of_a_mission(water_frames):
     found = zip(*map(figures, water_frames), (0.01, 0.05, 0.25), strict=True)
     for old, new, tolerance in found:
         assert new == pytest.approx(old, rel=tolerance)
-
-
-def test_snow_stays_in_its_water_as_densely_as_on_a_mission():
-    water = Water(snow_per_frame=1000)
-    snow = Snow(np.random.default_rng(1), water)
-    rng = np.random.default_rng(2)
-    eye_position = rng.uniform(-50, 50, (20, 3))
-    counts, rig = [], MissionScene.draw(1, 1, WIDTH).rig
-    for position in eye_position:
-        seen, _ = snow.near(rig.cameras(upright(rng.uniform(-3, 3)), position)[0], STILL)
-        counts.append(len(seen))
-        assert np.linalg.norm(seen, axis=1).max() < 4.6
-    # A little less than a mission draws: places that no camera sees may repeat and are left out.
-    assert 850 < np.mean(counts) < 1010
-    there, again = (
-        snow.near(rig.cameras(np.eye(3), place(0, 0, z))[0], place(0, 0, carried))[0]
-        for z, carried in ((0.0, 0.0), (0.4, 0.1))
-    )
-    again = again + place(0, 0, 0.3)  # moved 0.4 m, the water 0.1 m with it
-    gap = np.array([np.abs(again - one).sum(axis=1).min() for one in there])
-    assert (gap < 1e-4).mean() > 0.6
 
 
 def test_a_pair_gives_the_true_distance(tmp_path, tower):

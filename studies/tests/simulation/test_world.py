@@ -8,8 +8,8 @@ import pytest
 
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt_studies.simulation.scene.closed_loop_world import Placed, World
-from tokt_studies.simulation.scene.fish_and_dust import DustCloud, School
-from tokt_studies.simulation.scene.obstacles import cable, net, other_vehicle, sea_floor, trap
+from tokt_studies.simulation.scene.fish_and_dust import DustCloud
+from tokt_studies.simulation.scene.obstacles import cable, net, sea_floor, trap
 from tokt_studies.simulation.scene.tower import GREY, NO_STALKS, Cuboid, Frustum, Tower, panels
 from tokt_studies.simulation.scene.water import Water
 
@@ -82,25 +82,6 @@ def test_a_trap_is_open_towards_the_vehicle_only():
     assert panel.clearance_m(np.array([[2.0, 0.0, 5.0]]))[0] == pytest.approx(1.94)
 
 
-def test_a_school_passes_its_point_on_time_and_holds_together():
-    school = School(np.random.default_rng(5), (0.0, 0.3, -6.0), 10.0, (0.5, 0.0, 0.0), count=200)
-    there = school.at(10.0)
-    assert there.shape == (200, 3)
-    assert np.array_equal(there, school.at(10.0))
-    assert there.mean(axis=0) == pytest.approx([0.0, 0.3, -6.0], abs=0.25)
-    later = school.at(14.0)
-    assert (later - there).mean(axis=0) == pytest.approx([2.0, 0.0, 0.0], abs=0.1)
-    assert np.abs(later - there - [2.0, 0.0, 0.0]).max() <= 0.3
-    moved = (school.at(10.01) - there) / 0.01
-    assert moved == pytest.approx(school.swimming(10.005), abs=1e-3)
-    assert (school.length_m >= 0.2).all() and (school.length_m <= 0.5).all()
-    centre, axes, half = school.shapes(10.0)
-    assert np.allclose(axes @ axes.transpose(0, 2, 1), np.eye(3))
-    swimming = school.swimming(10.0)
-    assert np.allclose(axes[:200, 0] * np.linalg.norm(swimming, axis=1)[:, None], swimming)
-    assert (half[:200, 0] <= 0.25).all() and len(centre) == 400
-
-
 def test_dust_drifts_spreads_and_thins():
     cloud = DustCloud.draw(np.random.default_rng(5), (0.0, 0.0, 2.0), (0.1, 0.0, 0.0))
     start, later = cloud.at(0.0), cloud.at(30.0)
@@ -109,16 +90,6 @@ def test_dust_drifts_spreads_and_thins():
     mass = [(puffs.density * puffs.size**3).sum() for puffs in (start, later)]
     assert mass[1] / mass[0] == pytest.approx(np.exp(-30.0 / 90.0))
     assert (later.density < start.density * np.exp(-30.0 / 90.0)).all()
-
-
-def test_another_vehicle_is_where_it_has_moved_to():
-    rng = np.random.default_rng(4)
-    world = World(Water(), (other_vehicle(rng, (-5.0, 0.0, 3.0), (0.5, 0.0, 0.0), np.pi / 2),))
-    # Its length lies along its way: 0.66 m from its middle to its end.
-    far, near, gone = (world.clearance_m(np.array([[0.0, -0.2, 3.0]]), t) for t in (0, 6, 20))
-    assert far[0] == pytest.approx(5.0 - 0.66, abs=0.01)
-    assert near[0] == pytest.approx(2.0 - 0.66, abs=0.01)
-    assert gone[0] == pytest.approx(5.0 - 0.66, abs=0.01)
 
 
 def test_a_cable_hangs_right_through_the_water_and_a_net_has_meshes():

@@ -12,7 +12,6 @@ from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import LIBRARY, load_kernels
-from tokt.inference.stereo.disparity import DisparityDetector
 from tokt_studies.baselines.thesis_stereo import judge_pair
 from tokt_studies.speed import stereo_cases
 from tokt_studies.speed.cases import textured_frame
@@ -136,11 +135,3 @@ def test_without_what_stereo_needs_the_cases_are_left_out_and_it_is_said(dive, t
     broken = stereo_input(mono, None)
     assert broken.calibration is None and "calibration.yml" in broken.words
     assert stereo_input(mono, PLAIN).words == "left out: it has no right camera"
-
-
-def test_the_detector_that_is_timed_is_the_run_s(pair):
-    """The same distance as the detector of ``tokt run`` gives."""
-    ours = StereoPair(PLAIN).ours(pair)
-    run = DisparityDetector(PLAIN, stereo_cases.GRID).detect(pair.frame)
-    assert ours.distance_m == run.distance_m == pytest.approx(3.3, rel=0.01)
-    assert np.array_equal(ours.mask, run.mask)

@@ -5,13 +5,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pandas as pd
 import pytest
 
 from tokt.training.rig.calibrate.matching import FrameMatches
 from tokt_studies.baselines.thesis_stereo import LEFT_CAMERA, in_thesis_view
 from tokt_studies.thesis.exhibits import calibration_figures, disparity_figures
-from tokt_studies.thesis.exhibits.calibration_figures import bend_claim, edge_bends, row_claim
+from tokt_studies.thesis.exhibits.calibration_figures import bend_claim, edge_bends
 from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement
 
 CAMERAS = {"straight": None, "as printed": calibration_figures._PRINTED, "as read": LEFT_CAMERA}
@@ -39,19 +38,6 @@ def test_lines_that_the_printed_lens_bends_are_straightened_and_no_others(camera
     before = np.median(bends, axis=0)[0]
     assert before < 1e-3 if camera == "straight" else before > 2e-3
     assert bend_claim(bends).agreement is ClaimAgreement[agreement]
-
-
-def test_few_lines_tell_nothing():
-    assert bend_claim(np.empty((0, 3))).agreement is ClaimAgreement.UNAVAILABLE
-    bends = np.tile([0.01, 0.009, 0.02], (30, 1))
-    assert bend_claim(bends).agreement is ClaimAgreement.PARTLY
-
-
-@pytest.mark.parametrize(("after", "agreement"), [(4.0, "YES"), (30.0, "PARTLY"), (64.0, "NO")])
-def test_rows_agree_or_do_not(after, agreement):
-    rows = pd.DataFrame({"frame": [1], "matches": [90], "raw": 82.0, "thesis": after, "tokt": 0.3})
-    assert row_claim(rows).agreement is ClaimAgreement[agreement]
-    assert row_claim(rows[:0]).agreement is ClaimAgreement.UNAVAILABLE
 
 
 def test_rows_of_matched_points(monkeypatch, reproduced):

@@ -1,7 +1,6 @@
 """Curves by frame: each method's own, ours held out, and what they are scored with."""
 
 import shutil
-from collections.abc import Iterable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -17,22 +16,19 @@ from tokt.features.frames.image_file import pixel_sha256
 from tokt.inference.verdict import verdict_from_mask
 from tokt.models.bundle.bundle import frame_id
 from tokt.training.fitting.presets import settings_named
-from tokt_studies.baselines.lab_colour import LabColour
 from tokt_studies.baselines.thesis_models import ThesisModel, thesis_model
-from tokt_studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt_studies.baselines.thesis_texture import GRID, ThesisTextureResult
 from tokt_studies.thesis.exhibits import curve_figures as curve_exhibit
 from tokt_studies.thesis.exhibits.curve_figures import (
     alike_claim,
     curve_figures,
-    order_claim,
     score_methods,
     steepest,
 )
 from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
 from tokt_studies.thesis.exhibits.training_image_figures import EXTRACTORS
 from tokt_studies.thesis.methods import mission_models
-from tokt_studies.thesis.methods.curves import Curves, FrameTask, Method, _model_method, judge_frame
+from tokt_studies.thesis.methods.curves import Curves, Method, _model_method
 from tokt_studies.thesis.methods.mission_models import TOKT_TEXTURE
 from tokt_studies.thesis.patch_scores import pooled_score
 
@@ -152,40 +148,6 @@ def test_a_frame_without_labels_is_judged_from_afar():
     assert judges == {1: 0, 4: 0, 20: 1, 21: 1}
 
 
-def test_colours_never_learn_from_their_own_half(reproduced, monkeypatch):
-    learnt: list[list[int]] = []
-
-    def example(frame: Any, truth: Any) -> int:
-        return next(n for n in reproduced.frames if np.array_equal(reproduced.left(n), frame))
-
-    def train(examples: Iterable[int]) -> LabColour:
-        learnt.append(list(examples))
-        return LabColour.__new__(LabColour)
-
-    monkeypatch.setattr(mission_models, "labelled_example", example)
-    monkeypatch.setattr(mission_models.LabColour, "train", train)
-    monkeypatch.setattr(mission_models.SlicTexture, "train", lambda *given: given[-1])
-    found = mission_models.train_superpixel_methods(reproduced)
-    assert len(learnt) == 2 and all(learnt)
-    for number in reproduced.scored:
-        method = found.of(number)[-1]
-        half = learnt[[method is one for one in found.colours].index(True)]
-        assert number not in half
-        assert all(other // found.block_frames != number // found.block_frames for other in half)
-
-
-def test_thesis_disparity_judges_pairs_of_its_size(tmp_path):
-    width, height = THESIS_FRAME_SIZE
-    rng = np.random.default_rng(1)
-    coarse = rng.integers(0, 255, (height // 8, width // 8), np.uint8)
-    left = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST)
-    right = np.roll(left, -20, axis=1)
-    data = [cv2.imencode(".png", image)[1].tobytes() for image in (left, right)]
-    found = judge_frame(FrameTask(1, *data))
-    assert found.mean["disparity"] == judge_pair(left, right).mean > 0.345
-    assert found.status["disparity"] == 1
-
-
 def test_a_left_camera_alone_in_gray_without_labels(
     reproduce_mission, context_of, tmp_path, monkeypatch
 ):
@@ -268,26 +230,6 @@ def test_a_model_that_learnt_from_any_frame_is_told(reproduced, monkeypatch):
         bundle = SimpleNamespace(label="m/1", content=content)
         monkeypatch.setattr("tokt_studies.thesis.methods.curves.read_bundle", lambda _, b=bundle: b)
         assert words in _model_method(reproduced).words
-
-
-@pytest.mark.parametrize(
-    ("lbp", "haralick", "disparity", "agreement"),
-    [
-        (157, 151, 155, "YES"),
-        (157, 151, 170, "PARTLY"),
-        (150, 151, 152, "NO"),
-        (None, 151, 152, "PARTLY"),
-        (157, None, 155, "NO"),
-        (None, None, 152, "NO"),
-        (None, None, None, "UNAVAILABLE"),
-    ],
-)
-def test_which_method_is_first(lbp, haralick, disparity, agreement):
-    """One that never sees what another does is not first; nor are two that do not together."""
-    firsts = {"lbp_10_5": lbp, "haralick": haralick, "disparity": disparity}
-    assert order_claim(firsts).agreement is ClaimAgreement[agreement]
-    del firsts["disparity"]
-    assert order_claim(firsts).agreement is ClaimAgreement.UNAVAILABLE, "it was not judged"
 
 
 def test_curves_are_alike_if_they_rise_together_and_as_fast():

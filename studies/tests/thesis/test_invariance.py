@@ -4,12 +4,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from tokt.features.common.errors import ToktError
 from tokt_studies.thesis.exhibits import invariance as exhibit_of
-from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement
 from tokt_studies.thesis.exhibits.invariance import (
     GAIN,
     GAMMA,
@@ -17,9 +15,7 @@ from tokt_studies.thesis.exhibits.invariance import (
     QUARTER,
     SMALL,
     changed_shares,
-    haralick_claim,
     invariance,
-    lbp_claim,
 )
 
 pytestmark = pytest.mark.xdist_group("reproduce")
@@ -61,28 +57,6 @@ def test_only_what_changes_a_verdict_is_counted(monkeypatch):
     assert changed_shares(context_with(300), [1]).max().max() == 0
     with pytest.raises(ToktError, match="can be read"):
         changed_shares(context_with(70), [])
-
-
-def shares_of(lbp: list[float], haralick: list[float]) -> pd.DataFrame:
-    columns = {"lbp_10_5": lbp, "lbp_24_8": [0.0] * 6, "haralick": haralick}
-    return pd.DataFrame(columns, index=ROWS)
-
-
-def test_lbp_is_unchanged_or_not():
-    still, noisy = [0.0] * 6, [0.0] * 5 + [0.9]
-    assert lbp_claim(shares_of(still, still)).agreement is ClaimAgreement.YES
-    assert lbp_claim(shares_of(noisy, still)).agreement is ClaimAgreement.YES
-    turned_ones = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]
-    assert lbp_claim(shares_of(turned_ones, still)).agreement is ClaimAgreement.PARTLY
-    both = shares_of(turned_ones, still).assign(lbp_24_8=turned_ones)
-    assert lbp_claim(both).agreement is ClaimAgreement.NO
-
-
-def test_haralick_changes_more_or_not():
-    still = [0.0] * 6
-    for turns, noise, agreement in ((0.2, 0.2, "YES"), (0.2, 0.0, "PARTLY"), (0.0, 0.0, "NO")):
-        shares = shares_of(still, [0.0, 0.0, turns, turns, turns, noise])
-        assert haralick_claim(shares).agreement is ClaimAgreement[agreement]
 
 
 def test_the_exhibit(judged, context_of, monkeypatch):

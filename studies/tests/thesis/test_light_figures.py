@@ -6,19 +6,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
 from tokt_studies.thesis.exhibits import light_figures
-from tokt_studies.thesis.exhibits.dot_figures import MethodPrediction, by_disparity, said_by_patches
+from tokt_studies.thesis.exhibits.dot_figures import MethodPrediction, said_by_patches
 from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
-from tokt_studies.thesis.exhibits.light_figures import (
-    bad_lighting,
-    low_light_claim,
-    river_claim,
-    training_claim,
-)
+from tokt_studies.thesis.exhibits.light_figures import bad_lighting, river_claim, training_claim
 from tokt_studies.thesis.light_scene import BLUE, BRIGHT, BadPicture, LitScene, by_lamp
 from tokt_studies.thesis.methods.curves import THESIS
 from tokt_studies.thesis.patch_scores import score_patches, truth_by_mask
@@ -160,26 +154,3 @@ def test_lbp_finds_nearly_everything_or_not(lit, lbp, haralick, agreement):
         assert training_claim(both, lit, better).agreement is helped
     assert training_claim(both, lit, worse).agreement is ClaimAgreement.NO
     assert training_claim(both, lit, None).agreement is ClaimAgreement.UNAVAILABLE
-
-
-@pytest.mark.parametrize(
-    ("disparity", "mean", "agreement"),
-    [(0.2, 0.4, "YES"), (0.2, 9.0, "PARTLY"), (0.9, 0.4, "PARTLY"), (0.9, 9.0, "NO")],
-)
-def test_disparity_hangs_on_its_threshold_or_not(disparity, mean, agreement):
-    row = {"LBP (10, 5)": 0.5, "Haralick": 0.6, "disparity": disparity}
-    means = {"LBP (10, 5), mean": 5.0, "Haralick, mean": 5.0, "disparity, mean": mean}
-    lit = {"light": 1.0, **dict.fromkeys(row, 1.0), **dict.fromkeys(means, 0.4)}
-    rows = pd.DataFrame([lit, {"light": 0.5, **row, **means}])
-    assert low_light_claim(rows).agreement is ClaimAgreement[agreement]
-
-
-def test_disparity_is_scored_where_its_map_shows_a_patch():
-    """Texture in one patch, seen by both cameras: that patch and no other far away is white."""
-    left = np.full((1024, 1360), 60, np.uint8)
-    left[612:714, 544:680] = np.random.default_rng(2).integers(0, 255, (102, 136))
-    found = by_disparity(left, np.roll(left, -20, axis=1))
-    assert found.patches is not None and found.patches[6 * 10 + 4]
-    row, column = np.divmod(np.flatnonzero(found.patches), 10)
-    assert (np.abs(row - 6) <= 1).all() and (np.abs(column - 4) <= 1).all()
-    assert by_disparity(left, None).status == "unknown"

@@ -10,35 +10,12 @@ from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement
 from tokt_studies.thesis.exhibits.margin_figures import (
     SWEEP,
     edge_claim,
-    line_claim,
     matched_by_number,
     seen_at_the_edges,
-    sweep_claim,
 )
 from tokt_studies.thesis.exhibits.margin_figures import margin_figures as margin_exhibit
 
 SIZE = 1024, 1360
-
-
-def empty_map(*columns: int) -> np.ndarray:
-    """A map that is white in some columns."""
-    found = np.zeros(SIZE, np.uint8)
-    found[:, list(columns)] = 255
-    return found
-
-
-@pytest.mark.parametrize(
-    ("maps", "agreement"),
-    [
-        ([empty_map(1250, 1251), empty_map(1250, 1251)], "YES"),
-        ([empty_map(1250), empty_map(1300)], "PARTLY"),
-        ([empty_map(20), empty_map(20)], "NO"),
-        ([empty_map(), empty_map()], "NO"),
-        ([], "UNAVAILABLE"),
-    ],
-)
-def test_a_false_line_stands_at_the_right_of_every_map(maps, agreement):
-    assert line_claim(maps).agreement is ClaimAgreement[agreement]
 
 
 def test_the_sweep_is_of_the_thesiss_block_matching():
@@ -52,21 +29,6 @@ def test_the_sweep_is_of_the_thesiss_block_matching():
     # The least disparity found is stretched to 0, which is also what is not matched.
     assert sweep[N_DISPARITIES_PX][0] == pytest.approx(100 * white.mean(), abs=0.1)
     assert sweep[N_DISPARITIES_PX][0] > 1
-
-
-@pytest.mark.parametrize(
-    ("shares", "agreement"),
-    [
-        (np.linspace(9, 2, len(SWEEP)), "YES"),
-        ([9, 8, 7, 7, 6, 5, 4, 3], "PARTLY"),
-        ([5] * len(SWEEP), "NO"),
-        (np.linspace(2, 9, len(SWEEP)), "NO"),
-    ],
-)
-def test_matches_fall_with_the_number_of_disparities_or_not(shares, agreement):
-    sweep = pd.DataFrame([shares], columns=list(SWEEP))
-    assert sweep_claim(sweep).agreement is ClaimAgreement[agreement]
-    assert sweep_claim(sweep[:0]).agreement is ClaimAgreement.UNAVAILABLE
 
 
 def mirrored(context, monkeypatch, thesis_map) -> pd.DataFrame:

@@ -1,9 +1,6 @@
 """Figures 3.8 to 3.10, 5.1, 6.1 and the trend: on a rendered dive, and with each method broken."""
 
-from dataclasses import dataclass, replace
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,12 +10,8 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.policy.temporal_cues import GROWING, SHRINKING, STEADY
-from tokt.inference.verdict import UNKNOWN
 from tokt_studies.baselines.slic import SlicTexture
 from tokt_studies.baselines.thesis_models import thesis_model
-from tokt_studies.simulation.rendering.lighting import expose
-from tokt_studies.simulation.rendering.raycast import View
-from tokt_studies.simulation.rendering.sensor import develop
 from tokt_studies.simulation.rendering.synthetic_mission import MissionScene
 from tokt_studies.thesis.exhibits import (
     disparity_figures,
@@ -29,12 +22,7 @@ from tokt_studies.thesis.exhibits import (
 from tokt_studies.thesis.exhibits.disparity_figures import KINDS
 from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
 from tokt_studies.thesis.exhibits.synchrony_figure import offset_of
-from tokt_studies.thesis.exhibits.trend_figure import (
-    depth_trend,
-    means_of_patches,
-    score,
-    trend_against_depth,
-)
+from tokt_studies.thesis.exhibits.trend_figure import depth_trend, score, trend_against_depth
 from tokt_studies.thesis.methods.curves import Curves
 from tokt_studies.thesis.methods.mission_models import SuperpixelMethods
 
@@ -48,52 +36,23 @@ APART = 97
 SHOWN = [*OPEN, *ROW, APART]
 
 
-@dataclass(frozen=True)
-class Dive:
-    """A rendered dive, some of its frames only.
-
-    Parameters
-    ----------
-    path : Path
-    depth_m : dict of int to float
-        True median depth of the tower in the left camera.
-    """
-
-    path: Path
-    depth_m: dict[int, float]
-
-
 @pytest.fixture(scope="session")
 def dive(tmp_path_factory):
     """Open water, a row of successive frames of the tower, and one from elsewhere."""
     folder = tmp_path_factory.mktemp("stereo-figures") / "dive"
-    for side in ("Left", "Right"):
-        (folder / side).mkdir(parents=True)
+    for part in ("Left", "Right", "masks", "depth"):
+        (folder / part).mkdir(parents=True)
     scene = MissionScene.draw(1, SCENE_FRAMES, WIDTH)
     scene.rig.write(folder / "calibration.yml")
-    depths = {}
     for number in SHOWN:
-        pose = scene.poses[number - 1]
-        responses = scene.water.left, scene.water.right
-        for side, (camera, response) in enumerate(
-            zip(pose.cameras(scene.rig), responses, strict=True)
-        ):
-            view = View(camera, scene.tower)
-            moment = np.random.default_rng([number, 7])
-            light = expose(scene.water, pose, view, response, moment)
-            image = develop(scene.water, light, np.random.default_rng([number, side]))
-            name, letter = (("Left", "L"), ("Right", "R"))[side]
-            cv2.imwrite(str(folder / name / f"d_{letter}_{number}.png"), image)
-            if side == 0:
-                seen = view.depth[np.isfinite(view.depth)]
-                depths[number] = float(np.median(seen)) if len(seen) else np.nan
-    return Dive(folder, depths)
+        scene.render(folder, number)
+    return folder
 
 
 @pytest.fixture
 def context(dive, context_of):
     """The dive's context, one for each test."""
-    return context_of(dive.path)
+    return context_of(dive)
 
 
 @pytest.fixture
@@ -116,48 +75,13 @@ def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(context, dive, 
     assert numbers["matched_points"] > 20 and numbers["points_searched"] == 0
     assert agreement_of(found, "the map shows disparities of the two pictures") is ClaimAgreement.NO
     shown = int(numbers["shown_frame"])
+    truth = cv2.imread(str(dive / "depth" / f"L_{shown}.png"), cv2.IMREAD_UNCHANGED) / 1000
     points = disparity_figures._shown(context, shown).points_m
-    assert np.median(points[:, 2]) == pytest.approx(dive.depth_m[shown], rel=0.05)
+    assert np.median(points[:, 2]) == pytest.approx(np.median(truth[truth > 0]), rel=0.05)
     assert abs(numbers["rank_correlation"]) < 0.5
     table = found.tables[0].frame
     assert list(table["right"].unique()) == list(KINDS)
     assert all(plot.png.startswith(b"\x89PNG") for plot in found.plots)
-
-
-def map_numbers(share: float | None, changed: float) -> dict[str, Any]:
-    return {
-        "points_searched": share,
-        "matched_points": 90,
-        "wrong_pairs": 4,
-        "thesis_status_kept": 4,
-        "thesis_pixels_changed_most": changed,
-    }
-
-
-@pytest.mark.parametrize(
-    ("share", "changed", "agreement"),
-    [(0.9, 0.5, "YES"), (0.9, 0.0, "PARTLY"), (0.2, 0.5, "PARTLY"), (0.0, 0.5, "NO"),
-     (None, 0.5, "UNAVAILABLE")],
-)  # fmt: skip
-def test_a_map_of_disparities_is_told_as_one(share, changed, agreement):
-    claim = disparity_figures.map_claim(map_numbers(share, changed))
-    assert claim.agreement is ClaimAgreement[agreement]
-
-
-@pytest.mark.parametrize(
-    ("place", "rank", "spread", "agreement"),
-    [(0.9, 0.0, 3.0, "YES"), (0.9, -0.9, 3.0, "PARTLY"), (0.3, 0.0, 3.0, "PARTLY"),
-     (0.3, 0.0, 0.1, "NO"), (None, 0.0, 3.0, "UNAVAILABLE")],
-)  # fmt: skip
-def test_a_cloud_is_usable_by_place_and_not_by_distance(place, rank, spread, agreement):
-    numbers = {
-        "in_place": place,
-        "rank_correlation": rank,
-        "thesis_cloud_spread": spread,
-        "cloud_spread": 0.2,
-        "shown_frame": 3,
-    }
-    assert disparity_figures.cloud_claim(numbers).agreement is ClaimAgreement[agreement]
 
 
 def test_without_a_calibration_it_is_said_what_is_missing(context):
@@ -222,25 +146,6 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(context, monkeypa
     assert superpixel_figure.compare(frames, turned, model, context.labelled)["overlap"] < 0.1
 
 
-def test_masks_of_superpixels_and_grid_are_judged_by_area_contours_and_score():
-    as_printed = {
-        **{"overlap": 0.7, "slic_f1": 0.7, "grid_f1": 0.75, "area_ratio": 1.3},
-        **{"slic_contours": 20, "grid_contours": 9},
-    }
-    assert superpixel_figure.mask_claim(as_printed).agreement is ClaimAgreement.YES
-    for other in ({"area_ratio": 0.9}, {"grid_contours": 20}, {"slic_f1": 0.9}, {"overlap": 0.2}):
-        claim = superpixel_figure.mask_claim({**as_printed, **other})
-        assert claim.agreement is ClaimAgreement.PARTLY, other
-    against = {"area_ratio": 0.9, "grid_contours": 20, "slic_f1": 0.9, "overlap": 0.2}
-    for kept, agreement in (({}, "NO"), ({"overlap": 0.7}, "NO"), ({"grid_contours": 9}, "NO")):
-        claim = superpixel_figure.mask_claim({**as_printed, **against, **kept})
-        assert claim.agreement is ClaimAgreement[agreement], kept
-    half = {**as_printed, **against, "overlap": 0.7, "grid_contours": 9}
-    assert superpixel_figure.mask_claim(half).agreement is ClaimAgreement.PARTLY
-    without = superpixel_figure.mask_claim({**as_printed, "overlap": None})
-    assert without.agreement is ClaimAgreement.UNAVAILABLE
-
-
 class Opposite:
     """A classifier that says the opposite of a trained one."""
 
@@ -275,19 +180,6 @@ def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time():
     assert found["rank_correlation"] == pytest.approx(-1, abs=1e-3)
     assert found["contacts"] > 10
     assert found["contact_ratio_50"] == pytest.approx(1, abs=0.05)
-
-
-def test_means_of_patches_are_of_judged_frames_and_whole_inside_the_picture():
-    inside, cut = np.zeros((2, 10, 10), bool)
-    inside[4:6, 4:6] = cut[4:6, :2] = True
-    patches = {1: inside.ravel(), 2: cut.ravel(), 3: inside.ravel()}
-    mean, status = pd.Series({1: 4.0, 2: 4.0, 3: 4.0}), pd.Series({1: 1, 2: 1, 3: UNKNOWN})
-    curves: Any = SimpleNamespace(
-        patches={"lbp": patches}, mean={"lbp": mean}, status={"lbp": status}
-    )
-    seen = means_of_patches(curves, "lbp", [1, 2, 3, 4])
-    assert seen["mean"].tolist() == pytest.approx([4, 4, np.nan, np.nan], nan_ok=True)
-    assert seen["whole"].tolist() == [True, False, False, False]
 
 
 def test_how_the_depth_changes():

@@ -5,7 +5,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -13,24 +12,11 @@ from numpy.typing import NDArray
 from tokt_studies.baselines.thesis_centre import leaves_frame
 from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.thesis.exhibits import centre_figures, training_image_figures
-from tokt_studies.thesis.exhibits.centre_figures import (
-    both_ways,
-    box_claim,
-    centre_and_box,
-    fineness_claim,
-)
-from tokt_studies.thesis.exhibits.dot_figures import alike_claim, by_thesis, prediction_dots
+from tokt_studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
+from tokt_studies.thesis.exhibits.dot_figures import by_thesis, prediction_dots
 from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
-from tokt_studies.thesis.exhibits.patch_figures import histogram_claim, patch_histograms
-from tokt_studies.thesis.exhibits.training_image_figures import (
-    BinKind,
-    Image,
-    bin_kinds,
-    spike_claim,
-    structure_claim,
-    training_images,
-    variety_claim,
-)
+from tokt_studies.thesis.exhibits.patch_figures import patch_histograms
+from tokt_studies.thesis.exhibits.training_image_figures import BinKind, bin_kinds, training_images
 from tokt_studies.thesis.methods.mission_models import TOKT_TEXTURE, learnt_from_labels
 from tokt_studies.thesis.patch_scores import (
     PatchScore,
@@ -166,84 +152,11 @@ def test_training_images(context, one_photo, drawn):
     assert f"{table.loc['brick', 'edge']:.1%}" in exhibit.claims[1].found
 
 
-def test_training_images_without_labels(context, context_of, one_photo):
-    """Histograms remain; nothing is scored, and how varied an image is cannot be judged."""
-    shared = {name: getattr(context, name) for name in ("structure_frame", "ocean", "other")}
-    bare = context_of(context.mission.path, {"labels": None, **shared})
-    exhibit = training_images(bare)
-    assert exhibit.tables[0].frame["F1"].isna().all()
-    assert "ocean frame" not in set(exhibit.tables[0].frame["image"])
-    assert exhibit.claims[2].agreement is ClaimAgreement.UNAVAILABLE
-
-
-def image_of(flat: float, edge: float) -> Image:
-    """An image whose patches all have these shares of LBP (10, 5)'s bins; the rest is corners."""
-    histogram = np.zeros((4, 12))
-    histogram[:, [0, 5, 2]] = flat, edge, 1 - flat - edge
-    return Image("made", "", np.zeros((2, 2), np.uint8), {"lbp_10_5": histogram})
-
-
-@pytest.mark.parametrize(
-    ("ocean", "structure", "agreement"),
-    [
-        ((0.7, 0.1), (0.6, 0.2), "YES"),
-        ((0.7, 0.1), (0.8, 0.1), "PARTLY"),
-        ((0.2, 0.1), (0.1, 0.3), "PARTLY"),
-        ((0.2, 0.3), (0.3, 0.2), "NO"),
-    ],
-)
-def test_ocean_is_flat_and_a_structure_is_less_so(ocean, structure, agreement):
-    claim = structure_claim(image_of(*ocean), image_of(*structure))
-    assert claim.agreement is ClaimAgreement[agreement]
-
-
-@pytest.mark.parametrize(
-    ("edges", "agreement"),
-    [((0.1, 0.2, 0.4), "YES"), ((0.1, 0.4, 0.2), "PARTLY"), ((0.3, 0.4, 0.2), "NO")],
-)
-def test_branches_have_more_edges_than_brick_and_ocean(edges, agreement):
-    images = [image_of(0.3, edge) for edge in edges]
-    assert spike_claim(*images).agreement is ClaimAgreement[agreement]
-
-
-@pytest.mark.parametrize(
-    ("f1", "agreement"),
-    [([0.9, 0.7, 0.5, 0.4, 0.1], "YES"), ([0.9, 0.7, 0.5, 0.0, 1.0], "PARTLY"),
-     ([0.1, 0.4, 0.5, 0.7, 0.9], "NO"), ([None] * 5, "UNAVAILABLE")],
-)  # fmt: skip
-def test_varied_images_are_better_to_learn_from_or_not(f1, agreement):
-    names = ["coffee", "brick", "grass", "structure frame", "ocean frame"]
-    alike = [0.1, 0.2, 0.3, 0.4, 0.5]
-    columns = {"image": names, "rows alike": alike, "F1": f1}
-    assert variety_claim(pd.DataFrame(columns)).agreement is ClaimAgreement[agreement]
-
-
 def test_patch_histograms(context, drawn):
     """The tower's patch looks unlike the water's."""
     exhibit = patch_histograms(context)
     _sound(exhibit)
     assert exhibit.claims[0].agreement is not ClaimAgreement.NO
-
-
-def patches_that_differ(by: float) -> dict[str, NDArray[np.float64]]:
-    """Patch 0 of the structure, whose LBP or Haralick features differ by so much from ocean's."""
-    rng = np.random.default_rng(4)
-    lbp = 1 / 12 + rng.uniform(-0.01, 0.01, (100, 12))
-    lbp[0, 0] += by
-    haralick = rng.normal(5, 1, (100, 13))
-    haralick[0] += 40 * by
-    normed = lbp / lbp.sum(axis=1, keepdims=True)
-    return {"lbp_10_5": normed, "lbp_24_8": normed, "haralick": haralick}
-
-
-def test_a_patch_on_the_structure_looks_unlike_ocean_or_not():
-    patches, clear = {"structure": 0, "ocean": 99}, np.arange(100) > 0
-    apart, alike = patches_that_differ(0.3), patches_that_differ(0.0)
-    assert histogram_claim(apart, patches, clear).agreement is ClaimAgreement.YES
-    assert histogram_claim(alike, patches, clear).agreement is ClaimAgreement.NO
-    some = apart | {"haralick": alike["haralick"]}
-    assert histogram_claim(some, patches, clear).agreement is ClaimAgreement.PARTLY
-    assert histogram_claim(apart, patches, ~clear & clear).agreement is ClaimAgreement.UNAVAILABLE
 
 
 def test_prediction_dots(context, drawn):
@@ -260,36 +173,6 @@ def test_prediction_dots(context, drawn):
         for number, said in context.curves.patches[TOKT_TEXTURE].items()
     }
     assert (pooled_score(moved, context.truths).f1 or 0.0) < 0.5
-
-
-@pytest.mark.parametrize(
-    ("marked", "agreement"), [(10, "YES"), (6, "PARTLY"), (2, "NO"), (0, "UNAVAILABLE")]
-)
-def test_masks_are_alike_by_what_both_mark(marked, agreement):
-    haralick = np.arange(100) < (10 if marked else 0)
-    patches = {"lbp_10_5": {3: np.arange(100) < marked}, "haralick": {3: haralick}}
-    assert alike_claim(patches, [3]).agreement is ClaimAgreement[agreement]
-
-
-@pytest.mark.parametrize(
-    ("fitting", "agreement"),
-    [
-        ([(0.8, 0.6), (0.7, 0.6)], "YES"),
-        ([(0.8, 0.6), (0.5, 0.6)], "PARTLY"),
-        ([(0.6, 0.6), (0.5, 0.6)], "NO"),
-    ],
-)
-def test_a_mask_is_finer_than_blocks_or_not(fitting, agreement):
-    assert fineness_claim(fitting).agreement is ClaimAgreement[agreement]
-
-
-def test_the_box_is_around_the_obstacle_or_not():
-    one = both_ways(white(np.s_[100:141, 50:91]))
-    apart = both_ways(white(np.s_[50:71, 40:61], np.s_[150:171, 240:261]))
-    assert box_claim([one]).agreement is ClaimAgreement.YES
-    assert box_claim([one] * 19 + [apart]).agreement is ClaimAgreement.PARTLY
-    assert box_claim([one, apart]).agreement is ClaimAgreement.NO
-    assert box_claim([]).agreement is ClaimAgreement.UNAVAILABLE
 
 
 def test_centre_and_box(context, drawn):

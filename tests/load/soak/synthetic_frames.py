@@ -11,11 +11,11 @@ from functools import cache
 import cv2
 import numpy as np
 
-from tests.models.parts import golden_of
+from tests.load.bundles import content_of, learnt
 from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
+from tokt.models.bundle.bundle import Bundle, bundle_bytes, bundle_from_bytes
 from tokt.models.distribution import MIN_TYPICAL, Distribution, bin_counts, quantile_edges
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
@@ -103,35 +103,18 @@ def bundles(versions: int) -> list[Bundle]:
 
     It tells all of them apart: else nothing that it says of them could be checked.
     """
-    from tokt.training.fitting.classifier import fit_classifier, linear_model
-    from tokt.training.fitting.presets import Hyperparameters, settings_named
-
     shown = [*some(water), *some(near)]
     rows = np.vstack([EXTRACTOR.describe(picture, GRID) for picture in shown])
     clear = np.zeros((PICTURES, GRID.n_patches), bool)
     covered = np.concatenate([clear, [obstacle_patches(seed) for seed in range(PICTURES)]]).ravel()
-    pipeline = fit_classifier(
-        rows, covered.astype(np.int64), Hyperparameters(1.0), settings_named("plain")
-    )
-    model = linear_model(pipeline, ("ocean", "other"), (False, True))
+    model = learnt(rows, covered.astype(np.int64))
     found = model.obstacle_patches(model.decision_values(rows))
     found = found.reshape(2, PICTURES, GRID.n_patches)
     assert not found[0].any() and found[1].any(axis=1).all(), "pictures that are not told apart"
-    golden = [shown[0], shown[-1]]
-    values = np.stack([model.decision_values(EXTRACTOR.describe(one, GRID)) for one in golden])
     edges = np.array([quantile_edges(column) for column in rows.T])
     counts, typical = bin_counts(rows, edges), np.full(len(edges), MIN_TYPICAL)
-    content = BundleContent(
-        name="soak",
-        version="1",
-        extractor_spec=EXTRACTOR.spec,
-        grid=GRID,
-        model=model,
-        provenance={"made_by": "make soak"},
-        metrics={},
-        golden=golden_of(golden, values, [model.obstacle_patches(one) for one in values]),
-        trained_on=np.zeros(0, np.uint64),
-        card="Made by tokt bench to run for long; not to be deployed.\n",
+    content = content_of(
+        *("soak", EXTRACTOR, GRID, model, [shown[0], shown[-1]]),
         operating_point=OperatingPoint(MofNRule(min_patches=_RULE_PATCHES)),
         distribution=Distribution(edges, counts, typical, _FACTOR, _WINDOW, 90, 4),
     )

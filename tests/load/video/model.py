@@ -6,11 +6,10 @@ import numpy as np
 
 from tests.inference.sources.video.encoding import decoded, encode
 from tests.inference.sources.video.pictures import CELLS, PLACES, bgr, number_at, place_of
-from tests.models.parts import golden_of
-from tokt.features.common.arrays import U8
+from tests.load.bundles import content_of, learnt
 from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import BundleContent, bundle_bytes
+from tokt.models.bundle.bundle import bundle_bytes
 
 _EXTRACTOR, _GRID = Lbp(10, 5, "frame"), Grid(CELLS, CELLS)
 _PICTURES = 60
@@ -20,9 +19,6 @@ _MAX_PATCHES = 1.6
 
 def telling_bundle(size: tuple[int, int], bitrate: int) -> bytes:
     """A bundle learnt from pictures as an encoder leaves them."""
-    from tokt.training.fitting.classifier import fit_classifier, linear_model
-    from tokt.training.fitting.presets import Hyperparameters, settings_named
-
     units = encode("h264", _PICTURES, size, bitrate=bitrate)
     shown = dict(decoded(units, "h264", "bgr24"))
     shown |= {number: bgr(number, size) for number in range(_PICTURES, _FILM, _FILM // _PICTURES)}
@@ -30,24 +26,8 @@ def telling_bundle(size: tuple[int, int], bitrate: int) -> bytes:
     rough = np.zeros((len(shown), CELLS, CELLS), np.int64)
     for at, number in enumerate(shown):
         rough[(at, *place_of(number))] = 1
-    settings = settings_named("plain")
-    pipeline = fit_classifier(rows, rough.ravel(), Hyperparameters(1.0), settings)
-    model = linear_model(pipeline, ("ocean", "other"), (False, True))
-    golden: list[U8] = [shown[0], shown[1]]
-    values = np.stack([model.decision_values(_EXTRACTOR.describe(one, _GRID)) for one in golden])
-    content = BundleContent(
-        name="telling",
-        version="1",
-        extractor_spec=_EXTRACTOR.spec,
-        grid=_GRID,
-        model=model,
-        provenance={"made_by": "tests.load video"},
-        metrics={},
-        golden=golden_of(golden, values, [model.obstacle_patches(one) for one in values]),
-        trained_on=np.zeros(0, np.uint64),
-        card="Made to measure network video; not to be deployed.\n",
-    )
-    return bundle_bytes(content)
+    model = learnt(rows, rough.ravel())
+    return bundle_bytes(content_of("telling", _EXTRACTOR, _GRID, model, [shown[0], shown[1]]))
 
 
 @dataclass(frozen=True)

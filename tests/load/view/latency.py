@@ -14,8 +14,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tests.load.bundles import content_of
 from tests.load.report import Found, Timing, machine_words, table
-from tests.models.parts import golden_of
 from tokt.cli.output import progress
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
@@ -30,7 +30,7 @@ from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.publisher import ReportPublisher
 from tokt.inference.report import Event
 from tokt.inference.texture.detector import TextureDetector
-from tokt.models.bundle.bundle import BundleContent, bundle_bytes, bundle_from_bytes
+from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes
 from tokt.models.linear import LinearModel
 
 NONE, VIEW, CLIENTS = "no view", "a view", "a view and its clients"
@@ -147,16 +147,7 @@ def _bundle(pictures: list[U8]) -> Any:
     weights = np.zeros((1, extractor.dim))
     weights[0, 10] = -1.0
     model = LinearModel(weights, np.array([0.2]), np.zeros(1), ("ocean", "other"), (False, True))
-    values = [model.decision_values(extractor.describe(pictures[0], grid))]
-    golden = golden_of(pictures[:1], values, [model.obstacle_patches(values[0])])
-    content = BundleContent(
-        *("bench", "1", extractor.spec, grid, model),
-        provenance={},
-        metrics={},
-        golden=golden,
-        trained_on=np.zeros(0, np.uint64),
-        card="",
-    )
+    content = content_of("bench", extractor, grid, model, pictures[:1])
     return bundle_from_bytes(bundle_bytes(content), "bench")
 
 

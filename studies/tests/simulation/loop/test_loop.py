@@ -20,12 +20,12 @@ from tokt_studies.simulation.scene.closed_loop_world import Floor
 
 WIDTH = 360
 SEED = 1005  # of those that were tuned on: 1 to 100 are for what is reported
-BEGINS_S = 9.0  # long enough to begin to avoid
+BEGINS_S = 7.0  # long enough to begin to avoid
 
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
 
-def near(name, start_m=-8.0, goal_m=3.0):
+def near(name, start_m=-6.5, goal_m=2.0):
     """A scene with less water before and behind what is there: a third of the time to fly."""
     scene = draw_scene(name, SEED, WIDTH)
     (east, down, _), (to_east, to_down, _) = scene.start.position, scene.goal
@@ -125,27 +125,15 @@ def test_station_is_kept_in_a_current_by_the_named_object_alone():
     """The cameras fail meanwhile: then nothing is held, and it is found again."""
     scene = draw_scene("anchor", 1003, WIDTH)
     assert np.linalg.norm(scene.station.current) > 0.1
-    station = scene.station._replace(until_s=25.0)
-    track = fly(replace(scene, station=station, blind_s=(12.0, 14.0)), "disparity")
+    station = scene.station._replace(until_s=16.0)
+    track = fly(replace(scene, station=station, blind_s=(8.0, 10.0)), "disparity")
     found = outcome_of(track)
     assert found.reached and found.off_m < 0.5 and found.held_another == 0
-    blind = (track.frame_t_s >= 12.0) & (track.frame_t_s < 14.0)
+    blind = (track.frame_t_s >= 8.0) & (track.frame_t_s < 10.0)
     assert not track.frame_anchor[blind].any() and track.frame_anchor[-1] == 1
     assert found.held > 0.8
     deaf = fly(replace(scene, station=station), "none")
-    assert not deaf.reached and deaf.t_s[-1] > 24 and np.isnan(outcome_of(deaf).held)
-
-
-def test_what_is_held_where_the_object_is_not_is_told():
-    scene = draw_scene("anchor", 1003, WIDTH)
-    said = {"anchor_x": 0.0, "anchor_y": 0.0, "anchor_size": 0.0}
-    state = replace(scene.start, position=scene.goal)
-    assert flight.anchor_truth(scene, state, said) == flight.HELD_IT
-    for wrong in ({"anchor_x": 0.4}, {"anchor_y": -0.4}, {"anchor_size": 0.4}):
-        assert flight.anchor_truth(scene, state, said | wrong) == flight.HELD_ANOTHER
-    lost = dict.fromkeys(said)
-    assert flight.anchor_truth(scene, state, lost) == flight.NOT_HELD
-    assert flight.anchor_truth(draw_scene("tower", 1003, WIDTH), state, said) == flight.NOT_HELD
+    assert not deaf.reached and deaf.t_s[-1] > 15 and np.isnan(outcome_of(deaf).held)
 
 
 @pytest.mark.usefixtures("unpainted")
@@ -173,11 +161,12 @@ def _ahead(scene):
     return float(min(clearances))
 
 
-@pytest.mark.parametrize("late", [2, flight.TRIES])
+@pytest.mark.parametrize("late", [1, 2])
 def test_a_run_with_a_late_verdict_is_flown_again(late, monkeypatch):
     """What was late on a busy machine is no run of the seed: the next one is, or nobody's is."""
     scene, flown = draw_scene("empty", 1, WIDTH), []
     monkeypatch.setattr(flight, "MAX_S", 1.0)
+    monkeypatch.setattr(flight, "TRIES", 2)
 
     def decoded(datagram):
         said = decode(datagram)
