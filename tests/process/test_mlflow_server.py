@@ -1,4 +1,4 @@
-"""A real MLflow server, and PostgreSQL with it and alone, give what the workspace's file gives."""
+"""A real MLflow server, and PostgreSQL alone, give what the workspace's file gives."""
 
 import json
 import os
@@ -32,13 +32,11 @@ def database():
         yield uri
 
 
-@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
-def server(request, tmp_path_factory):
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
     """The address of an ``mlflow server``, artifacts proxied, on a free loopback port."""
     folder = tmp_path_factory.mktemp("server")
     backend = f"sqlite:///{folder / 'server.db'}"
-    if request.param == "postgresql":
-        backend = create_database(request.getfixturevalue("database"), "served")
     port = free_port()
     command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
     command += ["--port", str(port), "--workers", "1"]

@@ -65,7 +65,7 @@ def test_its_models_are_exported_as_they_were(old, number):
 
 
 def test_its_champion_is_compared_with_a_model_of_today(old):
-    split = ("--folds", 3, "--embargo", 1)
+    split = ("--preset", "plain", "--folds", 3, "--embargo", 1)
     succeeds("train", "tower", "--extractor", "lbp", "--name", "tower", *split, *WORK)
     said = json.loads(succeeds("models", "list", "--json", *WORK).out)
     assert "champion" in json.dumps(said) and {"1", "2", "3"} <= {

@@ -103,9 +103,8 @@ def git(folder, *words):
     subprocess.run(["git", *who, *words], cwd=folder, check=True, capture_output=True)
 
 
-def test_an_sdist_holds_every_file_once_and_makes_the_same_wheel(
-    sources, product, packed, tmp_path
-):
+def test_an_sdist_holds_every_file_once(sources, product, tmp_path):
+    """`make wheels` builds what is published from it."""
     checkout = tmp_path / "checkout"
     shutil.copytree(sources, checkout, symlinks=True)
     git(checkout, "init", "--quiet")
@@ -120,13 +119,6 @@ def test_an_sdist_holds_every_file_once_and_makes_the_same_wheel(
     assert [path for path in product if f"src/{path}" not in names] == []
     folders = {path.name for path in (ROOT / "src/tokt").iterdir() if path.is_symlink()}
     assert len(folders) == 5 and {name.split("/")[0] for name in names}.isdisjoint(folders)
-    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet")
-    options = ("--no-build-isolation", "--no-deps", "--wheel-dir", tmp_path, sdist)
-    environ = {**os.environ, "CC": "false"}  # the kernels are compiled elsewhere
-    subprocess.run([*pip, *options], env=environ, check=True, capture_output=True)
-    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as archive:
-        made = [name for name in archive.namelist() if ".dist-info/" not in name]
-    assert sorted(made) == sorted(name for name in packed if not name.endswith((".so", ".pyd")))
 
 
 def test_a_checkout_without_links_says_how_to_get_them(sources, tmp_path):
