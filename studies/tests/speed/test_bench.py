@@ -170,7 +170,7 @@ def directions(picture):
     return {(patch.tobytes(), zeros): haralick_directions(patch, zeros) for patch, zeros in asked}
 
 
-@pytest.mark.parametrize("feature", [None, *range(13)])
+@pytest.mark.parametrize("feature", [None, 0, 12])
 def test_a_feature_that_is_a_little_wrong_is_not_exact(picture, directions, feature, monkeypatch):
     def known(patch, ignore_zeros):
         return directions[patch.tobytes(), ignore_zeros]
@@ -181,7 +181,7 @@ def test_a_feature_that_is_a_little_wrong_is_not_exact(picture, directions, feat
             features[45, feature] *= 1 + 1e-7
         return features
 
-    monkeypatch.setattr("tokt_studies.speed.cases.haralick_directions", known)
+    monkeypatch.setattr("tokt_studies.baselines.thesis_texture.haralick_directions", known)
     kernels = changed(load_kernels("library"), haralick_features=a_little_wrong)
     case = HaralickKernel("wrong", kernels)
     case.check(picture)
