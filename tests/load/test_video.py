@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux programs"
 @needs_gst
 @needs_gst_rtsp
 def test_a_short_look_at_video(run_load, tmp_path, monkeypatch):
-    short = replace(video_run.QUICK, captures=10, streams=2, seconds=0.5, pictures=135)
+    short = replace(video_run.QUICK, captures=10, streams=2, seconds=1.0, pictures=150)
     short = replace(short, film=Film(size=(640, 480), kbit=3000))
     monkeypatch.setattr(video_run, "QUICK", short)
     ran = run_load("video", "--quick", "--json", "--out", tmp_path / "out")
