@@ -2,7 +2,7 @@
 
 import { who } from "./settings.js";
 
-/** @import { Answers, Imported, Params, Posted } from "../types.js" */
+/** @import { Answers, Imported, Params, Posted } from "./types.js" */
 
 const TIMEOUT_MS = 20000;
 const SEND_MS = 600000;

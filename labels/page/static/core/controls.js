@@ -49,7 +49,7 @@ export function nothingYet(text, words, href) {
   return el("p", { class: "empty-state" }, `${text} `, onward);
 }
 
-/** @import { Child, Choice, Command, Options } from "../types.js" */
+/** @import { Child, Choice, Command, Options } from "./types.js" */
 /** @import { ApiError } from "./api.js" */
 
 /**

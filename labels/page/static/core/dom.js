@@ -1,7 +1,7 @@
 // Making elements without markup in strings, drawing once, telling those who listen, and saying
 // things to screen readers.
 
-/** @import { Child, Options, Signal, Tag } from "../types.js" */
+/** @import { Child, Options, Signal, Tag } from "./types.js" */
 
 /**
  * Make an element.

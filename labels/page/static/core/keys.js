@@ -8,7 +8,7 @@ import { changeSetting, setSetting, setting } from "./settings.js";
 
 const CONTRAST_STEP = 10;
 
-/** @import { KeyEntry, ViewKeys } from "../types.js" */
+/** @import { KeyEntry, ViewKeys } from "./types.js" */
 
 const tables = {
   /** @type {ViewKeys} Of the view that is shown. */

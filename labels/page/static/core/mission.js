@@ -6,7 +6,7 @@ import { setSetting, setting, setWho, who } from "./settings.js";
 
 export { onSetting, setSetting, setting, who } from "./settings.js";
 
-/** @import { LabelClass, MissionAnswer, News, Signal } from "../types.js" */
+/** @import { LabelClass, MissionAnswer, News, Signal } from "./types.js" */
 
 /**
  * The last /api/mission. `states` holds one array of characters a camera; `blind` is whether who

@@ -2,7 +2,7 @@
 
 import { mission } from "./mission.js";
 
-/** @import { Point } from "../types.js" */
+/** @import { Point } from "./types.js" */
 
 /**
  * The {width, height} of one patch in pixels of a frame of a width and height: rounded down, as in

@@ -8,7 +8,7 @@ import { patchSize } from "./patch_grid.js";
 const KEPT = 14;
 const SIDE_BY_SIDE = 3;
 
-/** @import { PictureJob, PictureName } from "../types.js" */
+/** @import { PictureJob, PictureName } from "./types.js" */
 
 const fetched = {
   /** @type {Map<string, PictureJob>} By address, least recently asked for first. */

@@ -3,7 +3,7 @@
 import { byId, el, say, setAttribute } from "./dom.js";
 import { setViewKeys } from "./keys.js";
 
-/** @import { LaterView, View } from "../types.js" */
+/** @import { LaterView, View } from "./types.js" */
 
 const shown = {
   /** @type {Map<string, View | LaterView>} */

@@ -3,7 +3,7 @@
 
 import { signal } from "./dom.js";
 
-/** @import { Signal } from "../types.js" */
+/** @import { Signal } from "./types.js" */
 
 /**
  * What something gives that works with the storage, or what to take where the storage does not let

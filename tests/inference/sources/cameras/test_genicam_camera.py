@@ -172,7 +172,7 @@ def test_a_camera_that_is_pulled_out_can_be_opened_again(producers):
         producers.harvester.image_acquirers[0].device.module.close()
         taken(camera, 1)
     with red(producers) as camera:
-        assert taken(camera, 1)[0].frame_id == 1
+        assert taken(camera, 1)
 
 
 def test_a_camera_in_use(producers):

@@ -1,0 +1,395 @@
+// Types of core, and those of what the server says, as labels/page/api makes it. Editors and
+// checkers read them; the page does not load this file, and the wheel does not hold it. `camera` is
+// a camera's name, `frame` a frame's number, `cell` a patch's number in its frame, row by row from
+// 0, and `label` a class's name.
+
+// What the server says
+
+export type Place = { camera: string, frame: number };
+
+export type Patch = Place & { cell: number };
+
+/** Frames. */
+export type ByCamera = Record<string, number[]>;
+
+/** `width`: that frames are resized to. */
+export type Grid = { rows: number, cols: number, width: number | null };
+
+/** A class of the taxonomy; `obstacle` null: it is none, as unsure and names only the store has. */
+export interface LabelClass {
+  name: string;
+  obstacle: boolean | null;
+  color: string;
+  key: string;
+  description: string;
+  parent?: string;
+}
+
+export interface Model {
+  /** Its name and version. */
+  label: string;
+  classes: string[];
+  /** Of each class. */
+  obstacle: boolean[];
+  /** How many patches of each class. */
+  learnt: Record<string, number>;
+  right: [obstacle: boolean | number, low: number, high: number | null, percent: number][];
+  /** Frames that it has looked at. */
+  done: number;
+  total: number;
+}
+
+export type JobProgress = { what: string, done: number, total: number };
+
+export interface Job {
+  what: string;
+  steps: number;
+  step: number;
+  state: string;
+  progress: JobProgress | null;
+  error: string;
+}
+
+/** What undo or redo acts on. */
+export interface Head extends Place {
+  key: string;
+  kind: string;
+  changed: number;
+  frames: number;
+}
+
+export type Heads = { undo: Head | null, redo: Head | null };
+
+/** The mission; `states`: one letter a frame. */
+export interface MissionAnswer {
+  mission: string;
+  /** Changes with how pictures are made. */
+  pictures: string;
+  grid: Grid;
+  cameras: Record<string, { ranges: [number, number][], count: number }>;
+  classes: LabelClass[];
+  annotator: string;
+  blind: boolean;
+  annotators: string[];
+  model: Model | null;
+  fault: string;
+  /** Changes with the classes and the model. */
+  setup: string;
+  /** The newest that this knows of. */
+  event: number;
+  states: Record<string, string>;
+  /** Labels by camera and frame. */
+  given: Record<string, Record<string, string[]>>;
+  counts: Record<string, number>;
+  undo: Heads;
+  described: boolean;
+  settings: { obstacle_as?: string };
+  job: Job | null;
+  depths: [number, number][];
+  carries: boolean;
+  formats: Record<string, string>;
+}
+
+/** What changed, as an acknowledgement, an event or a status says it; each may be missing. */
+export interface News {
+  event?: number;
+  setup?: string;
+  states?: Record<string, Record<string, string>>;
+  given?: Record<string, Record<string, string[]>>;
+  counts?: Record<string, number>;
+  fault?: string;
+  model?: { done: number, total: number } | null;
+  settings?: { obstacle_as?: string };
+  job?: Job | null;
+  undo?: Heads;
+  blind?: boolean;
+}
+
+export interface ChangeEvent extends News {
+  event: number;
+  since: number;
+  frames: [string, number][];
+  noted: [string, number][];
+}
+
+export type StatusEvent = News & { blind: boolean };
+
+/** `cell`: null on a frame. */
+export interface Note {
+  cell: number | null;
+  text: string;
+  who: string;
+  time: string;
+}
+
+export interface Suggestions {
+  model: string;
+  classes: number[];
+  values: number[];
+  fault: string;
+}
+
+/**
+ * The labels of one frame: `mine`, `others` and `settled` one a cell; `models`: the version whose
+ * suggestion was accepted, by cell.
+ */
+export interface FrameLabels extends Place {
+  mine: (string | null)[];
+  models: Record<number, string>;
+  others: Record<string, (string | null)[]>;
+  settled: (string | null)[];
+  notes: Note[];
+  suggestions: Suggestions | null;
+}
+
+/** Somebody said something else. */
+export type Refused = Patch & { theirs: string | null, yours: string | null };
+
+export interface ActionAnswer extends News {
+  event: number;
+  changed: number;
+  repeated: boolean;
+  conflicts?: Refused[];
+  frames?: [string, number][];
+}
+
+export type QueueEntry = Place & { score: number, why: string };
+
+export interface Queue {
+  ready: boolean;
+  done: number;
+  total: number;
+  why_not: string;
+  frames: QueueEntry[];
+}
+
+export interface FrameInfo {
+  time?: string | null;
+  depth_m?: number | null;
+  above_ground_m?: number | null;
+  heading_deg?: number | null;
+  latitude?: number | null;
+  longitude?: number | null;
+}
+
+export type SheetPatch = Patch & { value: number | null };
+
+export interface SheetAnswer {
+  total: number;
+  by: string;
+  ready: boolean;
+  done: number;
+  of: number;
+  patches: SheetPatch[];
+}
+
+export interface Conflict extends Patch {
+  a: string;
+  b: string;
+  sure: boolean;
+  settled: string | null;
+  settled_by: string | null;
+}
+
+export interface ClassAgreement {
+  n_a: number;
+  n_b: number;
+  n_both: number;
+  f1: number | null;
+}
+
+export interface Agreement {
+  a: string;
+  b: string;
+  n_a: number;
+  n_b: number;
+  n_both: number;
+  n_both_sure: number;
+  kappa: number | null;
+  agreement: number | null;
+  kappa_with_unsure: number | null;
+  agreement_with_unsure: number | null;
+  labels: string[];
+  unknown: string[];
+  confusion: number[][];
+  obstacle: ClassAgreement | null;
+  per_class: Record<string, ClassAgreement>;
+  blind: { a: number, b: number };
+  conflicts: Conflict[];
+}
+
+export interface AuditListed {
+  name: string;
+  of: string;
+  patches: number;
+  fault: string;
+}
+
+export interface Doubt extends Patch {
+  label: string;
+  suggested: string;
+  margin: number;
+  reason: string;
+  group: string;
+  mine: string | null;
+  settled: string | null;
+  decided: string | null;
+}
+
+export interface Audit {
+  name: string;
+  of: string;
+  rule: string;
+  total: number;
+  patches: Doubt[];
+}
+
+export type UsedClass = LabelClass & { labels: number, given?: boolean };
+
+export interface ClassesAnswer {
+  classes: UsedClass[];
+  setup: string;
+  fixed: string;
+}
+
+/** What a label file has; of one with unknown classes only those are told. */
+export interface Imported {
+  applied: boolean;
+  unknown: string[];
+  annotators: string[];
+  labels: number;
+  here: number;
+  lost: string[];
+  new: number;
+  changed: number;
+  unchanged: number;
+  settled: number;
+}
+
+/** What is answered to a GET of each path, and to a POST. */
+export interface Answers {
+  "/api/mission": MissionAnswer;
+  "/api/labels": { event: number, frames: FrameLabels[] };
+  "/api/carried": { labels: (string | null)[] };
+  "/api/queue": Queue;
+  "/api/labelled": { cameras: ByCamera };
+  "/api/frames_with": { cameras: ByCamera };
+  "/api/frames_at": { cameras: ByCamera };
+  "/api/frame_info": FrameInfo;
+  "/api/sheet": SheetAnswer;
+  "/api/agreement": Agreement;
+  "/api/audits": { audits: AuditListed[] };
+  "/api/audit": Audit;
+  "/api/classes": ClassesAnswer;
+  "/api/export": { labels: number, lost: string[] };
+  "/api/job": {job: (Job & { lines: string[] }) | null};
+}
+
+export interface Posted {
+  "/api/actions": ActionAnswer;
+  "/api/undo": ActionAnswer;
+  "/api/redo": ActionAnswer;
+  "/api/seen": News;
+  "/api/notes": { notes: Note[] };
+  "/api/blind": { blind: boolean };
+  "/api/settings": {};
+  "/api/classes": ClassesAnswer;
+  "/api/job": { job: Job | null };
+  "/api/job/cancel": { job: Job | null };
+}
+
+// core/api.js
+
+export type Param = string | number | null | undefined;
+
+export type Params = Record<string, Param | Param[]>;
+
+// core/controls.js
+
+/** `event`: of the key or the button. */
+export type Command = (event?: Event) => unknown;
+
+export type Choice = string | [value: string, words: string];
+
+// core/dom.js
+
+export type Tag = keyof HTMLElementTagNameMap;
+
+export type Listeners<T extends Tag> = {
+  [E in keyof HTMLElementEventMap]?: (
+    event: HTMLElementEventMap[E] & { target: HTMLElementTagNameMap[T] },
+  ) => unknown;
+};
+
+/**
+ * What an element has: `text`: its words; `on`: its listeners by event. All other options are
+ * attributes: true gives an empty one, false, null and undefined give none.
+ */
+export type Options<T extends Tag> = { text?: string, on?: Listeners<T> } & Record<string, unknown>;
+
+/** Null and undefined are left out. */
+export type Child = Node | string | null | undefined;
+
+/** What adds a listener, and returns what takes it away again; what tells all of them. */
+export type Signal<N extends unknown[]> = [
+  listen: (listener: (...news: N) => unknown) => () => void,
+  tell: (...news: N) => void,
+];
+
+// core/keys.js
+
+export interface KeyEntry {
+  /** "n", "N", "?", "Enter", "Shift+Enter", "Ctrl+Z", "PageDown", "Space". */
+  keys: string[];
+  /** For the overlay. */
+  does: string;
+  /**
+   * Returning false leaves the event to the browser; without it the entry is for the overlay only.
+   */
+  run?: (event: KeyboardEvent, key: string) => unknown;
+  /** When the key comes up again. */
+  release?: (event: Event) => unknown;
+  /** Heading in the overlay. */
+  group?: string;
+}
+
+export interface ViewKeys {
+  title: string;
+  keys?: KeyEntry[];
+  classKeys?: (name: string) => unknown;
+}
+
+// core/patch_grid.js
+
+export type Point = { x: number, y: number };
+
+// core/pictures.js
+
+export interface PictureJob extends PromiseWithResolvers<ImageBitmap> {
+  url: string;
+  bitmap: ImageBitmap | null;
+  error: unknown;
+  controller: AbortController;
+  started: boolean;
+}
+
+export type PictureName = { camera: string, frame: number, enhance: number };
+
+// core/router.js
+
+/**
+ * A view, or one that is loaded when it is first shown. `under`: the view whose link stands for it;
+ * `show(root, parts)` is called with the address's further words, and again when they change while
+ * the view stays; `root` is emptied when another view takes over.
+ */
+export interface View extends ViewKeys {
+  under?: string;
+  link?: () => string;
+  show: (root: HTMLElement, parts: string[]) => unknown;
+  hide: () => void;
+}
+
+export interface LaterView {
+  title: string;
+  load: (again: string) => Promise<unknown>;
+}
