@@ -5,6 +5,7 @@ import math
 import sys
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,9 +15,11 @@ from tests.calls import refused, refuses, succeeds
 from tests.features.kernels.each_kernel import changed
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.verdict import verdict_from_mask
 from tokt_studies.baselines.thesis_texture import GRID, haralick_directions
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt_studies.speed.cases import HaralickKernel, LbpKernel, Picture, WholeFrame
+from tokt_studies.speed.cases import HaralickKernel, LbpKernel, MovingFrame, Picture, WholeFrame
 from tokt_studies.speed.haralick_agreement import HaralickAgreement
 from tokt_studies.speed.models import FEATURE_SETS, examples_from_two_images, fit_extractor_pair
 from tokt_studies.speed.paired_timing import BASELINE, OURS, BenchSize, in_turns
@@ -250,3 +253,15 @@ def test_a_program_that_fails_is_told(sends, tmp_path):
         return [sys.executable, "-c", f"{program} sys.exit('no model')"]
 
     refuses("ended with 1: no model", first_verdict, broken, tmp_path)
+
+
+def test_flow_that_made_a_frame_clear_would_be_told(two_images, picture):
+    case = MovingFrame(two_images.bundle)
+    assert case.check(picture) and case.exact
+    masks = (np.full((10, 10), level, np.uint8) for level in (255, 0))
+    case._alone, case._moving = (
+        SimpleNamespace(judge=lambda _, mask=mask: Judgement(verdict_from_mask(mask, "texture")))
+        for mask in masks
+    )
+    case.check(picture)
+    assert case.findings()["frames_made_clear"] == 1 and not case.exact

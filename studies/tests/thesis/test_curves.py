@@ -1,6 +1,7 @@
 """Curves by frame: each method's own, ours held out, and what they are scored with."""
 
 import shutil
+from collections.abc import Iterable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +17,7 @@ from tokt.features.frames.image_file import pixel_sha256
 from tokt.inference.verdict import verdict_from_mask
 from tokt.models.bundle.bundle import frame_id
 from tokt.training.fitting.presets import settings_named
+from tokt_studies.baselines.lab_colour import LabColour
 from tokt_studies.baselines.thesis_models import ThesisModel, thesis_model
 from tokt_studies.baselines.thesis_texture import GRID, ThesisTextureResult
 from tokt_studies.thesis.exhibits import curve_figures as curve_exhibit
@@ -264,3 +266,25 @@ def test_the_right_camera_s_frames_are_judged_where_it_is_asked_for(
     assert any(means[n] != model.judge(context.left(n)).verdict.mean for n in (12, 14))
     with pytest.raises(ToktError, match=r"no camera 'up': left, right"):
         context_of(reproduce_mission, camera="up")
+
+
+def test_colours_never_learn_from_their_own_half(reproduced, monkeypatch):
+    learnt: list[list[int]] = []
+
+    def example(frame: Any, truth: Any) -> int:
+        return next(n for n in reproduced.frames if np.array_equal(reproduced.left(n), frame))
+
+    def train(examples: Iterable[int]) -> LabColour:
+        learnt.append(list(examples))
+        return LabColour.__new__(LabColour)
+
+    monkeypatch.setattr(mission_models, "labelled_example", example)
+    monkeypatch.setattr(mission_models.LabColour, "train", train)
+    monkeypatch.setattr(mission_models.SlicTexture, "train", lambda *given: given[-1])
+    found = mission_models.train_superpixel_methods(reproduced)
+    assert len(learnt) == 2 and all(learnt)
+    for number in reproduced.scored:
+        method = found.of(number)[-1]
+        half = learnt[[method is one for one in found.colours].index(True)]
+        assert number not in half
+        assert all(other // found.block_frames != number // found.block_frames for other in half)

@@ -306,3 +306,70 @@ def test_each_planner_ends_on_station_within_metres_of_the_structure(name):
     assert planner.target(0.25, state(north=15.2, surge=0.6), v2(1, 50)).mode is Mode.HOLD
     assert not planner.reached, "not at rest yet"
     assert planner.target(0.5, state(north=15.5), v2(0)).mode is Mode.HOLD and planner.reached
+
+
+def test_clear_goes_to_the_goal_and_arrives():
+    talk = Talk()
+    target = talk.say(v1(0), state())
+    assert target.mode is Mode.TRANSIT and target.position == pytest.approx(GOAL)
+    assert target.heading == 0.0 and target.speed_m_s == 0.6
+    assert not talk.planner.reached
+    talk.say(v1(0), state(north=19.7))
+    assert talk.planner.reached
+
+
+def test_it_stays_on_its_side_whatever_x_says_next():
+    talk = Talk()
+    first = talk.look(v1(1, -40), state())
+    assert beside(first, state()) < -1.5
+    for x in (40, 0, 150):
+        assert beside(talk.say(v1(1, x), state(-0.2)), state(-0.2)) < -1.0
+
+
+def test_while_the_status_is_1_the_waypoint_moves_on():
+    """Of an obstacle that goes on to the side, each verdict sets it farther out."""
+    talk = Talk()
+    offs = [talk.look(v1(1, -20), state(-east)).position[0] for east in (0.0, 1.0, 2.0)]
+    assert offs[0] - 0.9 > offs[1] and offs[1] - 0.9 > offs[2]
+
+
+def test_what_the_glance_finds_is_passed_too():
+    talk = Talk()
+    talk.look(v2(1, 60, distance_m=4.0), state())
+    for _ in range(4):
+        talk.say(v2(0), state(2.6))
+    glance = talk.say(v2(0), state(2.6, 8.5))
+    target = talk.say(v2(1, 0, distance_m=3.0), state(2.6, 8.5, glance.heading))
+    target = talk.say(v2(0), state(2.6, 8.6, glance.heading))
+    assert target.mode is Mode.AVOID
+    for _ in range(4):
+        target = talk.say(v2(0), state(2.6, 8.6, 0.0))
+    assert target.position[2] > 11.0 and target.heading == 0.0
+
+
+def test_an_unsure_expansion_is_no_reason_to_back_off():
+    for unsure in (0.3, None):
+        said = v2(1, 3, expansion_contact_s=2.0, trend_confidence=unsure)
+        assert Talk().look(said, state()).mode is Mode.AVOID
+
+
+def test_a_wide_obstacle_that_is_far_is_gone_around_from_here():
+    target = Talk().look(v2(1, 3, mean=200.0, distance_m=8.0), state())
+    assert target.mode is Mode.AVOID and abs(target.position[0]) > 4.0
+
+
+def test_what_goes_on_to_move_is_avoided_in_the_end():
+    talk = Talk()
+    for n in range(round(WAIT_S / FRAME_S) + 2):
+        target = talk.say(v1(1, 100 * (-1) ** n), state())
+    assert target.mode is Mode.AVOID
+
+
+def test_it_ends_on_station_within_metres_of_the_structure():
+    planner = Planner(GOAL, end_m=5.0)
+    assert planner.target(0.0, state(), v2(0)).mode is Mode.TRANSIT and not planner.reached
+    near = planner.target(0.25, state(north=15.2, surge=0.6), v2(0))
+    assert near.mode is Mode.HOLD and not planner.reached, "not at rest yet"
+    assert near.position[2] == pytest.approx(15.56)
+    planner.target(0.5, state(north=15.5), v2(0))
+    assert planner.reached
