@@ -4,9 +4,8 @@
 
 const OBSTACLE = 1, CLEAR = 0, UNKNOWN = -1;
 
-/**
- * The rule of frames: `step` and `now` are steps of a model's thresholds, `margin` and `margin_now`
- * the same as values; `now` and `margin_now` are null where nothing stops at once.
+/** The rule of frames: `step` and `now` are steps of a model's thresholds, `margin` and
+ * `margin_now` the same as values; `now` and `margin_now` are null where nothing stops at once.
  * @typedef { {margin: number, margin_now: ?number, least_patches: number, hits: number,
  *   window: number}} Rule
  * @typedef {Pick<Rule, "least_patches" | "hits" | "window"> & {step: number, now: ?number}} StepRule
@@ -26,8 +25,7 @@ const explorer = JSON.parse(document.getElementById("comparison")?.textContent ?
 /** @type {Figure[]} */
 const FIGURES = ["precision", "recall", "f1"];
 
-/**
- * A model with its ranks: a patch's score exceeds thresholds[k] exactly where its rank exceeds k.
+/** A model with its ranks: a patch's score exceeds thresholds[k] exactly where its rank exceeds k.
  * @param {string} name @returns {Model}
  */
 function decoded(name) {
@@ -97,8 +95,7 @@ function statuses(model, rule) {
   return found;
 }
 
-/**
- * The first of three frames in a row with status 1; a gap in the frames breaks a row.
+/** The first of three frames in a row with status 1; a gap in the frames breaks a row.
  * @param {number[]} found @param {Sequence} sequence
  */
 function firstDetection(found, { start, stop }) {
@@ -165,8 +162,7 @@ function element(name, attributes) {
 
 const WIDTH = 480, HEIGHT = 170, LEFT = 26, TOP = 10, FOOT = 6;
 
-/**
- * By step, as the slider above moves: not by value.
+/** By step, as the slider above moves: not by value.
  * @param {number[]} thresholds @param {number} step
  */
 function across(thresholds, step) {

@@ -89,8 +89,7 @@ export interface LabelledPatch extends Patch {
 
 export type Box = { x: number, y: number, width: number, height: number };
 
-/**
- * What it is drawn onto: `plan` in all functions here; `ctx`: scaled so that one unit is one CSS
+/** What it is drawn onto: `plan` in all functions here; `ctx`: scaled so that one unit is one CSS
  * pixel.
  */
 export interface CellPlan {
@@ -98,8 +97,7 @@ export interface CellPlan {
   boxOf: (cell: number) => Box;
 }
 
-/**
- * `mark`: "?" where the model is not confident, "→" where the frame before says so and not the
+/** `mark`: "?" where the model is not confident, "→" where the frame before says so and not the
  * model, "≠" where the model says the opposite.
  */
 export interface ShownCell {
@@ -114,8 +112,7 @@ export type NumberSetting = "enhance" | "tint" | "confidence" | "follow";
 
 // labelling/painting.js
 
-/**
- * A proposal for a patch without a label of mine; `strong`: taken by "accept the confident ones";
+/** A proposal for a patch without a label of mine; `strong`: taken by "accept the confident ones";
  * `kept`: from the frame before; `model`: the version to record; `said`: what the model says;
  * `against`: the proposal is of another kind.
  */
@@ -132,9 +129,8 @@ export interface Hint {
 
 // labelling/suggest.js
 
-/**
- * What the model alone says of a patch; `named`: by a class of the taxonomy; `obstacle`: whether it
- * is one to the model.
+/** What the model alone says of a patch; `named`: by a class of the taxonomy; `obstacle`: whether
+ * it is one to the model.
  */
 export interface Says {
   label: string;
@@ -146,8 +142,7 @@ export interface Says {
 /** What holds; `mine`: it goes back to what a person said. */
 export type Held = { label: string, mine: boolean };
 
-/**
- * `value`, `percent` and `said` are the model's, also where the suggestion was kept from the frame
+/** `value`, `percent` and `said` are the model's, also where the suggestion was kept from the frame
  * before; `against`: it is of another kind than `said`.
  */
 export interface Suggestion {
@@ -171,8 +166,7 @@ export interface PainterRow extends Partial<LabelClass> {
 
 // frame/frame_canvas.js
 
-/**
- * What is drawn; `dim`: the picture is of before; `plain`: the picture and grid only; `pending`:
+/** What is drawn; `dim`: the picture is of before; `plain`: the picture and grid only; `pending`:
  * cells that are not saved; `tag` is handed to `onDrawn`.
  */
 export interface FrameContent {
@@ -190,8 +184,7 @@ export interface FrameContent {
   tag?: string | null;
 }
 
-/**
- * A point of the canvas in patches; `cell` -1 outside of all; `head`: of the row or column whose
+/** A point of the canvas in patches; `cell` -1 outside of all; `head`: of the row or column whose
  * head was hit.
  */
 export interface Hit {
@@ -326,8 +319,7 @@ export interface ThumbContent {
 
 export type Cells = Map<Thumb, Set<number>>;
 
-/**
- * `thumbAt`: the thumbnail whose picture is there; `allThumbs`: those that a stroke with Ctrl
+/** `thumbAt`: the thumbnail whose picture is there; `allThumbs`: those that a stroke with Ctrl
  * paints; `onStroke`: show what is being painted, null: nothing any more; `onPainted`: it is done,
  * `own`: the cells that the pointer itself passed.
  */
@@ -358,8 +350,7 @@ export interface SheetPage extends Omit<SheetAnswer, "patches"> {
 /** A tile in words and what stands under its picture. */
 export type Described = { name: string, lines: Node[], faded?: boolean };
 
-/**
- * What shows a grid; `showSelection()`: selection or cursor changed; `open(tile)`: it was double
+/** What shows a grid; `showSelection()`: selection or cursor changed; `open(tile)`: it was double
  * clicked.
  */
 export interface GridHost<T extends Patch> {

@@ -17,8 +17,7 @@ export class ApiError extends Error {
   }
 }
 
-/**
- * What to give to `catch` of a request: it takes an ApiError, and the request then gives what
+/** What to give to `catch` of a request: it takes an ApiError, and the request then gives what
  * `handle(error)` gives. Any other fault goes on.
  * @template [T=undefined]
  * @param {(error: ApiError) => T} [handle]
@@ -31,8 +30,7 @@ export function onFailure(handle) {
   };
 }
 
-/**
- * The address of an API path with `who` and its parameters: those that are null or undefined are
+/** The address of an API path with `who` and its parameters: those that are null or undefined are
  * left out, a list is repeated.
  * @param {string} path @param {Params} [params]
  */
@@ -44,8 +42,7 @@ export function address(path, params = {}) {
   return `${path}?${query}`;
 }
 
-/**
- * GET a path; throws ApiError.
+/** GET a path; throws ApiError.
  * @template {keyof Answers} P
  * @param {P} path @param {Params} [params]
  * @returns {Promise<Answers[P]>}
@@ -54,8 +51,7 @@ export async function get(path, params = {}) {
   return request(address(path, params));
 }
 
-/**
- * POST a body to a path; `who` is filled in where the body has none. Throws ApiError.
+/** POST a body to a path; `who` is filled in where the body has none. Throws ApiError.
  * @template {keyof Posted} P
  * @param {P} path @param {object} body
  * @returns {Promise<Posted[P]>}
@@ -68,8 +64,7 @@ export async function post(path, body) {
   });
 }
 
-/**
- * POST a file of labels to a path; throws ApiError.
+/** POST a file of labels to a path; throws ApiError.
  * @param {string} path @param {Params} params @param {File} file
  * @returns {Promise<Imported>}
  */
@@ -78,8 +73,7 @@ export async function send(path, params, file) {
   return request(address(path, params), { method: "POST", headers, body: file }, SEND_MS);
 }
 
-/**
- * Fetch an address as it is, in `most` ms at most: a successful Response. Throws ApiError.
+/** Fetch an address as it is, in `most` ms at most: a successful Response. Throws ApiError.
  * @param {string} url @param {RequestInit} [options] @param {number} [most]
  */
 export async function fetchOk(url, options = {}, most = TIMEOUT_MS) {

@@ -4,8 +4,7 @@
 import { button, el, say, setAttribute } from "./dom.js";
 import { colourOf, mission, signOf } from "./mission.js";
 
-/**
- * Patch of colour with the class's key in it, so that colour is never the only sign.
+/** Patch of colour with the class's key in it, so that colour is never the only sign.
  * @param {string} name
  */
 export function swatch(name) {
@@ -19,8 +18,7 @@ export function classTag(name) {
   return el("span", { class: "class-tag" }, swatch(name), el("span", { text: name }));
 }
 
-/**
- * A button for each class that can be given: names only found in the store have no key.
+/** A button for each class that can be given: names only found in the store have no key.
  * @param {(name: string) => unknown} choose
  */
 export function classButtons(choose) {
@@ -31,8 +29,7 @@ export function classButtons(choose) {
   });
 }
 
-/**
- * What to do where a request fails: say why, after some words.
+/** What to do where a request fails: say why, after some words.
  * @param {string} [words] @param {{stays?: boolean}} [options]
  */
 export function complain(words = "", options) {
@@ -40,8 +37,7 @@ export function complain(words = "", options) {
   return ({ message }) => say(`${words} ${message}`.trim(), { bad: true, ...options });
 }
 
-/**
- * What to say where there is nothing to show, and the button that leads on.
+/** What to say where there is nothing to show, and the button that leads on.
  * @param {string} text @param {string} words @param {string} href
  */
 export function nothingYet(text, words, href) {
@@ -52,8 +48,7 @@ export function nothingYet(text, words, href) {
 /** @import { Child, Choice, Command, Options } from "./types.js" */
 /** @import { ApiError } from "./api.js" */
 
-/**
- * Buttons of commands, whose titles say what they do and by which key.
+/** Buttons of commands, whose titles say what they do and by which key.
  * @param {Record<string, Command>} commands By name.
  * @param {(command: string) => string} keyFor
  * @returns {(text: string, name: string, does: string, options?: Options<"button">) =>
@@ -68,8 +63,7 @@ export function commandButtons(commands, keyFor) {
   };
 }
 
-/**
- * Let a button of `commandButtons` do what it does, or say `why` it cannot ("": it can); it keeps
+/** Let a button of `commandButtons` do what it does, or say `why` it cannot ("": it can); it keeps
  * the keyboard in any case. `does`: what it does, where that changed.
  * @param {HTMLButtonElement} made @param {string} [why] @param {string | undefined} [does]
  */
@@ -79,8 +73,7 @@ export function allow(made, why = "", does = made.dataset.does) {
   setAttribute(made, "aria-disabled", why ? "true" : null);
 }
 
-/**
- * A choice of one of several values, each as it is or as [value, words for it]; `options`: of the
+/** A choice of one of several values, each as it is or as [value, words for it]; `options`: of the
  * element, as `el` takes them.
  * @param {Choice[]} values @param {string} chosen @param {Options<"select">} [options]
  */
@@ -106,8 +99,7 @@ function named(sign, name, key, run) {
   return button(sign, run, { title: `${name} (${key})`, "aria-label": name });
 }
 
-/**
- * Previous page (`turn(-1)`), what the page shows, next page (`turn(1)`), further buttons.
+/** Previous page (`turn(-1)`), what the page shows, next page (`turn(1)`), further buttons.
  * @param {(step: number) => unknown} turn @param {HTMLElement} range @param {...Child} more
  */
 export function pager(turn, range, ...more) {
@@ -116,8 +108,7 @@ export function pager(turn, range, ...more) {
   return group("pages", back, range, on, ...more);
 }
 
-/**
- * Smaller pictures (`resize(-1)`), larger ones (`resize(1)`), further buttons.
+/** Smaller pictures (`resize(-1)`), larger ones (`resize(1)`), further buttons.
  * @param {(step: number) => unknown} resize @param {...Child} more
  */
 export function sizeButtons(resize, ...more) {

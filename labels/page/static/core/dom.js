@@ -3,8 +3,7 @@
 
 /** @import { Child, Options, Signal, Tag } from "./types.js" */
 
-/**
- * Make an element.
+/** Make an element.
  * @template {Tag} T
  * @param {T} tag @param {Options<T>} [options] @param {...Child} children
  */
@@ -20,8 +19,7 @@ export function el(tag, options = {}, ...children) {
   return node;
 }
 
-/**
- * Set, or with false, null or undefined remove, an attribute.
+/** Set, or with false, null or undefined remove, an attribute.
  * @param {?Element} node @param {string} name @param {unknown} value
  */
 export function setAttribute(node, name, value) {
@@ -31,8 +29,7 @@ export function setAttribute(node, name, value) {
   if (node?.getAttribute(name) !== text) node?.setAttribute(name, text);
 }
 
-/**
- * Fill an element with what `draw` gives, if it shall show something else than it does.
+/** Fill an element with what `draw` gives, if it shall show something else than it does.
  * @param {HTMLElement} root @param {unknown} what @param {() => Node[]} draw
  */
 export function redraw(root, what, draw) {
@@ -47,8 +44,7 @@ export function setText(node, text) {
   if (node && node.textContent !== text) node.textContent = text;
 }
 
-/**
- * A button that gives the keyboard back to the view after a click with the mouse, so that the
+/** A button that gives the keyboard back to the view after a click with the mouse, so that the
  * next Enter or Space is the view's and does not press the button again.
  * @param {string} text @param {(event: MouseEvent) => unknown} run
  * @param {Options<"button">} [attributes] @param {...Child} children
@@ -62,8 +58,7 @@ export function button(text, run, attributes, ...children) {
   return made;
 }
 
-/**
- * Give the keyboard back to the view when a control was changed with the mouse, so that the next
+/** Give the keyboard back to the view when a control was changed with the mouse, so that the next
  * key is the view's; who changes it with the keyboard stays on it. Returns the control.
  * @template {HTMLElement} C
  * @param {C} control
@@ -89,8 +84,7 @@ export function byId(id) {
   return found;
 }
 
-/**
- * The first element of a tag inside another one, which is there.
+/** The first element of a tag inside another one, which is there.
  * @template {Tag} T
  * @param {Element} root @param {T} tag
  */
@@ -120,8 +114,7 @@ export function announce(text) {
 
 const toast = { timer: 0, stays: false };
 
-/**
- * Show a sentence for some seconds, and read it out. `bad`: something was not done; `link`: the
+/** Show a sentence for some seconds, and read it out. `bad`: something was not done; `link`: the
  * address of the place that it is about; `stays`: it is not of what is shown.
  * @param {string} text @param {{bad?: boolean, link?: ?string, stays?: boolean}} [options]
  */
@@ -140,8 +133,7 @@ export function endToast() {
   if (!toast.stays) byId("toast").classList.remove("shown");
 }
 
-/**
- * A function that runs `work` once before the next drawing, however often it is called.
+/** A function that runs `work` once before the next drawing, however often it is called.
  * @param {() => unknown} work
  */
 export function soon(work) {
@@ -156,11 +148,7 @@ export function soon(work) {
   };
 }
 
-/**
- * A set of listeners.
- * @template {unknown[]} N
- * @returns {Signal<N>}
- */
+/** A set of listeners. @template {unknown[]} N @returns {Signal<N>} */
 export function signal() {
   /** @type {Set<(...news: N) => unknown>} */
   const listeners = new Set();

@@ -78,8 +78,7 @@ function classFor(event) {
   return mission.classes.find(({ key }) => key && key === event.key) ?? null;
 }
 
-/**
- * Shift is part of a character ("N", "?") and said only with named keys and Ctrl.
+/** Shift is part of a character ("N", "?") and said only with named keys and Ctrl.
  * @param {KeyboardEvent} event
  */
 function nameOf(event) {
@@ -97,8 +96,7 @@ function nameOf(event) {
   return parts.filter(Boolean).join("+");
 }
 
-/**
- * Alt makes other characters on some keyboards: what is printed on the key counts.
+/** Alt makes other characters on some keyboards: what is printed on the key counts.
  * @param {KeyboardEvent} event
  */
 function layoutKey({ key, code, shiftKey }) {
@@ -179,8 +177,7 @@ function printed(key) {
   return key.replace(/Arrow\w+/, (name) => ARROWS[name]);
 }
 
-/**
- * The form in which a page key can be pressed: with Alt where a class takes it.
+/** The form in which a page key can be pressed: with Alt where a class takes it.
  * @param {string} key
  */
 export function reachable(key) {

@@ -8,8 +8,7 @@ export { onSetting, setSetting, setting, who } from "./settings.js";
 
 /** @import { LabelClass, MissionAnswer, News, Signal } from "./types.js" */
 
-/**
- * The last /api/mission. `states` holds one array of characters a camera; `blind` is whether who
+/** The last /api/mission. `states` holds one array of characters a camera; `blind` is whether who
  * works here labels blind, as the server says, which then hides what others said; `classes` are in
  * the taxonomy's order, then unsure, then names only found in the store.
  * @type {Omit<MissionAnswer, "states"> & {loaded: boolean, states: Record<string, string[]>}}
@@ -33,8 +32,7 @@ const here = {
   person: 0, // who works here and how: the next one's is another number
 };
 
-/**
- * Be told that something of the mission changed: `onChange((what) => ...)` returns what stops it.
+/** Be told that something of the mission changed: `onChange((what) => ...)` returns what stops it.
  * @type {Signal<[what: "all" | "states" | "status"]>}
  */
 export const [onChange, changed] = signal();
@@ -53,8 +51,7 @@ export async function loadMission() {
   return answer;
 }
 
-/**
- * What to say where an /api/mission answer is not of this page's mission; "" where it is.
+/** What to say where an /api/mission answer is not of this page's mission; "" where it is.
  * @param {MissionAnswer} answer
  */
 export function strangerWords(answer) {
@@ -62,8 +59,7 @@ export function strangerWords(answer) {
   return `the server now shows mission ${answer.mission}; start it with ${mission.mission} again`;
 }
 
-/**
- * Whether an /api/mission answer is about the mission this page was opened on: another server may
+/** Whether an /api/mission answer is about the mission this page was opened on: another server may
  * have been started on the same port.
  * @param {MissionAnswer} answer
  */
@@ -117,14 +113,12 @@ function setState(camera, frame, state) {
   if (index >= 0) mission.states[camera][index] = state;
 }
 
-/**
- * Be told that another person works here from now on, before the mission is loaded anew.
+/** Be told that another person works here from now on, before the mission is loaded anew.
  * @type {Signal<[]>}
  */
 export const [onReload, personChanged] = signal();
 
-/**
- * Work as somebody else, or hide (or show again) what others and the model said to this person,
+/** Work as somebody else, or hide (or show again) what others and the model said to this person,
  * everywhere. Another name holds at once, also where loading everything anew fails (ApiError).
  * @param {{who?: string, blind?: boolean}} change
  */
@@ -137,8 +131,7 @@ export async function setPerson({ who: name = who(), blind: hides }) {
   await beginAnew(hides);
 }
 
-/**
- * Forget what is not for the person who works here now, and load the mission anew; `hides`:
+/** Forget what is not for the person who works here now, and load the mission anew; `hides`:
  * whether this person labels blind. Throws ApiError.
  */
 export async function beginAnew(hides = mission.blind) {
@@ -150,8 +143,7 @@ export async function beginAnew(hides = mission.blind) {
   await loadMission();
 }
 
-/**
- * Take in an answer unless somebody else works here by the time it comes.
+/** Take in an answer unless somebody else works here by the time it comes.
  * @param {Promise<News>} request
  */
 export async function takeNewsOf(request) {
@@ -170,8 +162,7 @@ function forgetOthers() {
   }
 }
 
-/**
- * A class by its name; also for names that the taxonomy does not have.
+/** A class by its name; also for names that the taxonomy does not have.
  * @param {?string | undefined} name @returns {LabelClass}
  */
 export function classOf(name) {
@@ -185,8 +176,7 @@ export function colourOf(name) {
   return classOf(name).color;
 }
 
-/**
- * With a luminance of 0.4 a colour has 9:1 on its black rim ((0.4 + 0.05) / 0.05), so that one of
+/** With a luminance of 0.4 a colour has 9:1 on its black rim ((0.4 + 0.05) / 0.05), so that one of
  * both has 3:1 on any picture. Darker ones become brighter, then paler.
  * @param {string} color
  */
@@ -205,8 +195,7 @@ function lightened(color) {
   return `rgb(${shown.map((part) => Math.max(0, Math.round(part))).join(" ")})`;
 }
 
-/**
- * The sign that stands for a class besides its colour: its key, else its first letter.
+/** The sign that stands for a class besides its colour: its key, else its first letter.
  * @param {string} name
  */
 export function signOf(name) {
@@ -237,8 +226,7 @@ export function frames(camera) {
   return here.frames[camera];
 }
 
-/**
- * Where a frame stands in `frames(camera)`; -1 if it is not there.
+/** Where a frame stands in `frames(camera)`; -1 if it is not there.
  * @param {string} camera @param {number} frame
  */
 export function frameIndex(camera, frame) {
@@ -246,8 +234,7 @@ export function frameIndex(camera, frame) {
   return frames(camera)[at] === frame ? at : -1;
 }
 
-/**
- * Where the first frame with this or a higher number stands; their count if there is none.
+/** Where the first frame with this or a higher number stands; their count if there is none.
  * @param {string} camera @param {number} frame
  */
 export function indexFrom(camera, frame) {
@@ -262,16 +249,14 @@ export function indexFrom(camera, frame) {
   return low;
 }
 
-/**
- * The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if not there.
+/** The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if not there.
  * @param {string} camera @param {number} frame
  */
 export function stateOf(camera, frame) {
   return mission.states[camera]?.[frameIndex(camera, frame)] ?? "";
 }
 
-/**
- * The labels that the person who works here gave somewhere in a frame, as the server knows.
+/** The labels that the person who works here gave somewhere in a frame, as the server knows.
  * @param {string} camera @param {number} frame
  */
 export function givenIn(camera, frame) {

@@ -4,8 +4,7 @@ import { mission } from "./mission.js";
 
 /** @import { Point } from "./types.js" */
 
-/**
- * The {width, height} of one patch in pixels of a frame of a width and height: rounded down, as in
+/** The {width, height} of one patch in pixels of a frame of a width and height: rounded down, as in
  * features/frames/grid.py.
  * @param {number} width @param {number} height
  */
@@ -33,8 +32,7 @@ export function cellAt(row, col) {
   return row >= 0 && col >= 0 && row < rows && col < cols ? row * cols + col : -1;
 }
 
-/**
- * All cells that a straight line crosses, none left out however long it is, in the order in which
+/** All cells that a straight line crosses, none left out however long it is, in the order in which
  * they are met. Its ends {x, y} are in patches: x in columns, y in rows.
  * @param {Point} from @param {Point} to
  */
@@ -52,8 +50,7 @@ export function cellsOnLine(from, to) {
   return cells;
 }
 
-/**
- * Where, from 0 to 1 along the way, a coordinate passes whole numbers.
+/** Where, from 0 to 1 along the way, a coordinate passes whole numbers.
  * @param {number} from @param {number} to
  */
 function crossings(from, to) {
@@ -89,8 +86,7 @@ export function cellsOfColumn(col) {
   return cellsBetween(cellAt(0, col), cellAt(mission.grid.rows - 1, col));
 }
 
-/**
- * What arrow keys add to a row and a column.
+/** What arrow keys add to a row and a column.
  * @type {Record<string, [rows: number, cols: number]>}
  */
 export const ARROWS = {
@@ -103,8 +99,7 @@ export const ARROWS = {
 /** The names of the arrow keys in tables of keys, with "Shift+" or "Ctrl+" before them. */
 export const arrowKeys = (held = "") => Object.keys(ARROWS).map((key) => held + key);
 
-/**
- * The cell some rows and columns away, or the last one before the edge.
+/** The cell some rows and columns away, or the last one before the edge.
  * @param {number} cell @param {number} rows @param {number} cols
  */
 export function cellFrom(cell, rows, cols) {
@@ -133,8 +128,7 @@ export class PatchCursor {
     return this.anchor !== null && this.anchor !== this.cell;
   }
 
-  /**
-   * Move by rows and columns; the first press only shows where the cursor is. `extend` keeps the
+  /** Move by rows and columns; the first press only shows where the cursor is. `extend` keeps the
    * other corner of the rectangle.
    * @param {number} rows @param {number} cols @param {boolean} extend
    */

@@ -18,24 +18,21 @@ const fetched = {
   running: 0,
 };
 
-/**
- * `v` keeps missions on the same port apart in caches.
+/** `v` keeps missions on the same port apart in caches.
  * @param {string} camera @param {number} frame @param {number} enhance
  */
 function pictureAddress(camera, frame, enhance) {
   return `/api/picture/${camera}/${frame}?enhance=${enhance}&v=${mission.pictures ?? ""}`;
 }
 
-/**
- * A picture that is decoded already, or null.
+/** A picture that is decoded already, or null.
  * @param {string} camera @param {number} frame @param {number} enhance
  */
 export function pictureNow(camera, frame, enhance) {
   return fetched.jobs.get(pictureAddress(camera, frame, enhance))?.bitmap ?? null;
 }
 
-/**
- * The ImageBitmap of a frame; `enhance` is 0 (as the camera gave it) to 100. Throws ApiError, also
+/** The ImageBitmap of a frame; `enhance` is 0 (as the camera gave it) to 100. Throws ApiError, also
  * for a frame that cannot be read (status 422, its sentence).
  * @param {string} camera @param {number} frame @param {number} enhance
  */
@@ -45,8 +42,7 @@ export function picture(camera, frame, enhance) {
   return job.promise;
 }
 
-/**
- * Fetch pictures that will be wanted soon, nearest first, and give up on all others that are
+/** Fetch pictures that will be wanted soon, nearest first, and give up on all others that are
  * neither `kept` nor in the list; both name {camera, frame, enhance}.
  * @param {PictureName[]} list @param {PictureName[]} kept
  */
@@ -136,8 +132,7 @@ export function patchAspect(camera) {
   return height / width;
 }
 
-/**
- * Learn the shape from a picture that was loaded; whether it differs from what was believed.
+/** Learn the shape from a picture that was loaded; whether it differs from what was believed.
  * @param {string} camera @param {HTMLImageElement} image
  */
 export function learnShape(camera, image) {
@@ -146,8 +141,7 @@ export function learnShape(camera, image) {
   return Math.abs(frameAspect(camera) - before) > 0.01;
 }
 
-/**
- * Address of a small picture of a frame, enhanced as the person set it; its width in CSS pixels is
+/** Address of a small picture of a frame, enhanced as the person set it; its width in CSS pixels is
  * asked for in steps, so that pictures are found again.
  * @param {string} camera @param {number} frame @param {number} width
  */

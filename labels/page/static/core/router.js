@@ -23,8 +23,7 @@ function viewOf(name) {
   return /** @type {View} */ (shown.views.get(name));
 }
 
-/**
- * Register a view whose module is loaded when it is first shown, and registers itself then.
+/** Register a view whose module is loaded when it is first shown, and registers itself then.
  * `title`: of its link, "" for a view that others lead to. `load(again)`: `again` ends the module's
  * address, as browsers do not fetch an address again that could not be had.
  * @param {string} name @param {string} title @param {LaterView["load"]} load
@@ -44,8 +43,7 @@ export async function loadLaterViews() {
   }
 }
 
-/**
- * Go to an address, "#/label/left/17"; `replace`: no new entry for the Back button.
+/** Go to an address, "#/label/left/17"; `replace`: no new entry for the Back button.
  * @param {string} hash @param {{replace?: boolean}} [options]
  */
 export function go(hash, { replace = false } = {}) {
@@ -53,8 +51,7 @@ export function go(hash, { replace = false } = {}) {
   route();
 }
 
-/**
- * Show another address without going anywhere: what is shown moved on by itself.
+/** Show another address without going anywhere: what is shown moved on by itself.
  * @param {string} hash
  */
 export function noteAddress(hash) {

@@ -5,8 +5,7 @@ import { signal } from "./dom.js";
 
 /** @import { Signal } from "./types.js" */
 
-/**
- * What something gives that works with the storage, or what to take where the storage does not let
+/** What something gives that works with the storage, or what to take where the storage does not let
  * us. Reading the property itself throws where a browser blocks it.
  * @template T, U
  * @param {() => T} work @param {U} otherwise @returns {T | U}
@@ -22,16 +21,14 @@ function tried(work, otherwise) {
 const local = tried(() => window.localStorage, null);
 const session = tried(() => window.sessionStorage, null);
 
-/**
- * What is stored under a name, parsed; null where there is nothing or it cannot be read.
+/** What is stored under a name, parsed; null where there is nothing or it cannot be read.
  * @param {string} name @param {?Storage} [store]
  */
 export function read(name, store = local) {
   return tried(() => JSON.parse(store?.getItem(name) ?? "null"), null);
 }
 
-/**
- * Store a value; whether it is there then.
+/** Store a value; whether it is there then.
  * @param {string} name @param {unknown} value @param {?Storage} [store]
  */
 export function write(name, value, store = local) {
@@ -82,23 +79,17 @@ const DEFAULTS = {
 /** @type {Settings} */
 let settings = { ...DEFAULTS, ...read(SETTINGS) };
 
-/**
- * Be told of changed settings: `onSetting((name) => ...)` returns what stops it.
+/** Be told of changed settings: `onSetting((name) => ...)` returns what stops it.
  * @type {Signal<[name: SettingName]>}
  */
 export const [onSetting, settingChanged] = signal();
 
-/**
- * The value of a setting.
- * @template {SettingName} N
- * @param {N} name
- */
+/** The value of a setting. @template {SettingName} N @param {N} name */
 export function setting(name) {
   return settings[name];
 }
 
-/**
- * Change a setting; kept in this browser where it lets us.
+/** Change a setting; kept in this browser where it lets us.
  * @template {SettingName} N
  * @param {N} name @param {Settings[N]} value
  */
@@ -109,8 +100,7 @@ export function setSetting(name, value) {
   settingChanged(name);
 }
 
-/**
- * Make a number among the settings larger or smaller, from 0 to `most`.
+/** Make a number among the settings larger or smaller, from 0 to `most`.
  * @param {"enhance" | "confidence"} name @param {number} by @param {number} most
  */
 export function changeSetting(name, by, most) {

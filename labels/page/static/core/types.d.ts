@@ -129,8 +129,7 @@ export interface Suggestions {
   fault: string;
 }
 
-/**
- * The labels of one frame: `mine`, `others` and `settled` one a cell; `models`: the version whose
+/** The labels of one frame: `mine`, `others` and `settled` one a cell; `models`: the version whose
  * suggestion was accepted, by cell.
  */
 export interface FrameLabels extends Place {
@@ -321,8 +320,7 @@ export type Listeners<T extends Tag> = {
   ) => unknown;
 };
 
-/**
- * What an element has: `text`: its words; `on`: its listeners by event. All other options are
+/** What an element has: `text`: its words; `on`: its listeners by event. All other options are
  * attributes: true gives an empty one, false, null and undefined give none.
  */
 export type Options<T extends Tag> = { text?: string, on?: Listeners<T> } & Record<string, unknown>;
@@ -343,8 +341,7 @@ export interface KeyEntry {
   keys: string[];
   /** For the overlay. */
   does: string;
-  /**
-   * Returning false leaves the event to the browser; without it the entry is for the overlay only.
+  /** Returning false leaves the event to the browser; without it the entry is for the overlay only.
    */
   run?: (event: KeyboardEvent, key: string) => unknown;
   /** When the key comes up again. */
@@ -377,10 +374,9 @@ export type PictureName = { camera: string, frame: number, enhance: number };
 
 // core/router.js
 
-/**
- * A view, or one that is loaded when it is first shown. `under`: the view whose link stands for it;
- * `show(root, parts)` is called with the address's further words, and again when they change while
- * the view stays; `root` is emptied when another view takes over.
+/** A view, or one that is loaded when it is first shown. `under`: the view whose link stands for
+ * it; `show(root, parts)` is called with the address's further words, and again when they change
+ * while the view stays; `root` is emptied when another view takes over.
  */
 export interface View extends ViewKeys {
   under?: string;

@@ -103,8 +103,7 @@ function importing() {
   const cameras = Object.keys(mission.cameras);
   const camera = choice(cameras, cameras[0], { on });
   const told = el("div", { role: "status" });
-  /**
-   * What the file's classes are here: {theirs: ours}; ours is "" for those to leave out.
+  /** What the file's classes are here: {theirs: ours}; ours is "" for those to leave out.
    * @param {Record<string, string>} named
    */
   async function read(named, apply = false) {

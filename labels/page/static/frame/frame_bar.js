@@ -12,8 +12,7 @@ import { kindOf } from "../labelling/suggest.js";
 
 /** @import { Command, FrameInfo, Hint, ShownLabels } from "../types.js" */
 
-/**
- * Build the bar of commands, by name, and the status line.
+/** Build the bar of commands, by name, and the status line.
  * @param {Record<string, Command>} commands @param {(frame: number) => void} goTo
  * @param {(command: string) => string} keyFor @param {HTMLElement} status
  */
@@ -79,8 +78,7 @@ function showLegend(root, camera) {
   redraw(root, counts, items);
 }
 
-/**
- * A frame in words; `labels` where they are loaded.
+/** A frame in words; `labels` where they are loaded.
  * @param {string} camera @param {number} frame @param {?ShownLabels} labels
  */
 export function describeFrame(camera, frame, labels) {
@@ -94,8 +92,7 @@ export function describeFrame(camera, frame, labels) {
   return words.join(" · ");
 }
 
-/**
- * When and where a frame was taken, in words; `said`: by /api/frame_info, {} for nothing.
+/** When and where a frame was taken, in words; `said`: by /api/frame_info, {} for nothing.
  * @param {FrameInfo} said
  */
 export function describeInfo(said) {
@@ -118,8 +115,7 @@ function surety({ strong, percent, said }) {
   return (strong ? "sure" : "unsure") + (percent === null ? "" : ` (${kind}: ${percent} %)`);
 }
 
-/**
- * A patch in words; `hint`: what is proposed for it, or null.
+/** A patch in words; `hint`: what is proposed for it, or null.
  * @param {number} cell @param {ShownLabels} labels @param {?Hint | undefined} hint
  */
 export function describeCell(cell, labels, hint) {

@@ -109,9 +109,8 @@ export class FrameCanvas {
     this.invalidate();
   }
 
-  /**
-   * Labels change far more often than what lies under them, and scaling a picture takes longer than
-   * drawing all the rest: it is kept as it is on the screen.
+  /** Labels change far more often than what lies under them, and scaling a picture takes longer
+   * than drawing all the rest: it is kept as it is on the screen.
    * @param {number} ratio
    */
   drawGround(ratio) {

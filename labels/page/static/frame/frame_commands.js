@@ -32,16 +32,14 @@ function isRepeat(event) {
   return event instanceof KeyboardEvent && event.repeat;
 }
 
-/**
- * A command of a key that is held and comes up again.
+/** A command of a key that is held and comes up again.
  * @param {Command} press @param {(event: Event) => unknown} release
  */
 function held(press, release) {
   return Object.assign(press, { release });
 }
 
-/**
- * From a button there is no key to come up: a press with a mouse is a tap.
+/** From a button there is no key to come up: a press with a mouse is a tap.
  * @param {() => void} press @param {() => void} release
  */
 function tapped(press, release) {
@@ -59,8 +57,7 @@ function tapped(press, release) {
   return held(down, up);
 }
 
-/**
- * What keys and buttons do, by name; `release`: what follows when the key comes up.
+/** What keys and buttons do, by name; `release`: what follows when the key comes up.
  * @type {Record<string, Command & Pick<KeyEntry, "release">>}
  */
 export const commands = {

@@ -20,8 +20,7 @@ const PICTURE_SETTING_MS = 120;
 const PENDING_MS = 300;
 const BEGIN = "Choose a class, then click or drag over patches.";
 
-/**
- * Labels of a frame are there, or changed; nulls: of all frames.
+/** Labels of a frame are there, or changed; nulls: of all frames.
  * @param {?string} camera @param {?number} frame
  */
 export function labelsArrived(camera, frame) {
@@ -81,8 +80,7 @@ export function showCursor() {
   showStatus();
 }
 
-/**
- * Mark what is not saved yet. A mark on each patch would flash with every stroke: only what takes
+/** Mark what is not saved yet. A mark on each patch would flash with every stroke: only what takes
  * longer is marked.
  */
 export function showSaving() {
@@ -148,8 +146,7 @@ export function showTools() {
   }
 }
 
-/**
- * Why commands would do nothing here; "" for those that would.
+/** Why commands would do nothing here; "" for those that would.
  * @param {number} strong @returns {Record<string, string>}
  */
 export function cannotDo(strong) {

@@ -15,8 +15,7 @@ import { page, view } from "./frame_state.js";
 const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row
 const READ_OUT_MS = 500; // a frame that was only passed is not read out
 
-/**
- * Show another frame of this camera; nothing where there is none.
+/** Show another frame of this camera; nothing where there is none.
  * @param {?number | undefined} frame
  */
 export function goTo(frame) {
@@ -68,8 +67,7 @@ export function step(count) {
   goTo(next);
 }
 
-/**
- * Go to the next frame in one of some states; `words`: what such a frame is.
+/** Go to the next frame in one of some states; `words`: what such a frame is.
  * @param {string} states @param {string} words
  */
 export function jump(states, words, direction = 1) {
@@ -110,8 +108,7 @@ export function switchCamera() {
   else say(`The ${other} camera has no frame ${frame}.`);
 }
 
-/**
- * Go to the next frame that is not done. Accepting may have made this one done already: it is
+/** Go to the next frame that is not done. Accepting may have made this one done already: it is
  * passed in any case.
  */
 export function jumpToOpen() {

@@ -9,8 +9,7 @@ const SEE = "Seeing";
 
 /** @import { Command, KeyEntry } from "../types.js" */
 
-/**
- * Command, keys, group and what it does; commands with a release are held or tapped.
+/** Command, keys, group and what it does; commands with a release are held or tapped.
  * @type {[command: string, keys: string[], group: string, does: string][]}
  */
 const TABLE = [
@@ -64,8 +63,7 @@ const POINTER_HELP = [
   ["Wheel on the strip", "fewer or more frames there (also +, -, 0 on it); sideways: move it"],
 ];
 
-/**
- * The view's keys, for commands by name.
+/** The view's keys, for commands by name.
  * @param {Record<string, Command & Pick<KeyEntry, "release">>} commands
  * @returns {KeyEntry[]}
  */

@@ -50,8 +50,7 @@ export function mayPaint() {
   return false;
 }
 
-/**
- * Paint, take back, or accept what is proposed for patches.
+/** Paint, take back, or accept what is proposed for patches.
  * @param {number[]} cells @param {How} how
  */
 export function apply(cells, how, kind = "paint") {
@@ -67,8 +66,7 @@ export function apply(cells, how, kind = "paint") {
   announce(`${label}: ${cellName(cells[0])}${more}`);
 }
 
-/**
- * Accept proposals; how many, null where something is asked first.
+/** Accept proposals; how many, null where something is asked first.
  * @param {{all?: boolean}} [options]
  */
 export function acceptHere(options) {
@@ -77,16 +75,14 @@ export function acceptHere(options) {
   return accept(camera, frame, options);
 }
 
-/**
- * The same; `words` where there are none.
+/** The same; `words` where there are none.
  * @param {string} words @param {{all?: boolean}} [options]
  */
 export function acceptOr(words, options) {
   if (acceptHere(options) === 0) say(words);
 }
 
-/**
- * Move the cursor, and read out what is there.
+/** Move the cursor, and read out what is there.
  * @param {number} rows @param {number} cols @param {boolean} extend
  */
 export function moveCursor(rows, cols, extend) {
@@ -105,8 +101,7 @@ export function chooseTool(next) {
   showTools();
 }
 
-/**
- * A class key: chooses the class, and paints the rectangle if there is one.
+/** A class key: chooses the class, and paints the rectangle if there is one.
  * @param {string} name
  */
 export function choose(name) {

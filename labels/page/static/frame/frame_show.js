@@ -18,8 +18,7 @@ const BLINK_MS = 450; // under three changes a second: no flicker that could har
 
 /** Shows one frame at a time on a FrameCanvas. */
 export class FrameShow {
-  /**
-   * @param {FrameCanvas} canvas
+  /** @param {FrameCanvas} canvas
    * @param {() => void} changed Another frame, or another picture of it, is shown.
    */
   constructor(canvas, changed) {

@@ -25,8 +25,7 @@ export function page() {
   return view.page;
 }
 
-/**
- * Whether a frame, or all of them (nulls), is what is shown.
+/** Whether a frame, or all of them (nulls), is what is shown.
  * @param {?string} camera @param {?number} frame
  */
 export function isHere(camera, frame) {

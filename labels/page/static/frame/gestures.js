@@ -10,8 +10,7 @@ const RIGHT = 2;
 /** @import { Gesture, Hit, Host, PointerGestures, PointerTool } from "../types.js" */
 /** @import { FrameCanvas } from "./frame_canvas.js" */
 
-/**
- * Listen to the pointer over a canvas.
+/** Listen to the pointer over a canvas.
  * @param {FrameCanvas} view @param {Host} host @returns {PointerGestures}
  */
 export function listenToPointer(view, host) {

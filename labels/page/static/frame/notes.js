@@ -8,8 +8,7 @@ import { cellName } from "../core/patch_grid.js";
 
 /** @import { Note } from "../types.js" */
 
-/**
- * The notes of a frame that are on a patch, or on the frame, each in words.
+/** The notes of a frame that are on a patch, or on the frame, each in words.
  * @param {Note[]} notes @param {?number} cell
  */
 export function noteWords(notes, cell) {
@@ -21,8 +20,7 @@ export function noteWords(notes, cell) {
   });
 }
 
-/**
- * Let a person write a note; an empty one takes it back. `notes`: all of the frame.
+/** Let a person write a note; an empty one takes it back. `notes`: all of the frame.
  * @param {string} camera @param {number} frame @param {?number} cell @param {Note[]} notes
  */
 export function writeNote(camera, frame, cell, notes) {

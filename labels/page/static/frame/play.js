@@ -15,8 +15,7 @@ const IN_TIME = 10; // frames that come in time before fewer are passed over
 
 /** Plays the frames that pass the filter. */
 export class Player {
-  /**
-   * @param {FrameShow} show @param {(camera: string, frame: number) => void} go Shows a frame.
+  /** @param {FrameShow} show @param {(camera: string, frame: number) => void} go Shows a frame.
    * @param {HTMLButtonElement} toggle
    */
   constructor(show, go, toggle) {

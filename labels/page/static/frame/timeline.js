@@ -93,8 +93,7 @@ export class Timeline {
     this.invalidate();
   }
 
-  /**
-   * Show fewer frames (a factor over 1) or more; the frame at `held` stays where it is.
+  /** Show fewer frames (a factor over 1) or more; the frame at `held` stays where it is.
    * @param {number} factor @param {number} held
    */
   zoom(factor, held) {
@@ -124,8 +123,7 @@ export class Timeline {
     this.drawCurrent(ctx, width, height);
   }
 
-  /**
-   * @param {CanvasRenderingContext2D} ctx @param {number} width @param {number} room
+  /** @param {CanvasRenderingContext2D} ctx @param {number} width @param {number} room
    * @param {LabelClass[]} bands @param {number} thick
    */
   drawFrames(ctx, width, room, bands, thick) {
@@ -162,8 +160,7 @@ export class Timeline {
     }
   }
 
-  /**
-   * @param {number[]} list @param {string[]} states
+  /** @param {number[]} list @param {string[]} states
    * @param {(camera: string, frame: number) => boolean} pass @param {number} from
    * @param {number} to
    */
@@ -236,8 +233,7 @@ export class Timeline {
     this.showPeek(event);
   }
 
-  /**
-   * The small picture of the frame under the pointer, its number and what is known of it.
+  /** The small picture of the frame under the pointer, its number and what is known of it.
    * @param {MouseEvent} event
    */
   showPeek(event) {
@@ -261,8 +257,7 @@ export class Timeline {
     }, REST_MS);
   }
 
-  /**
-   * Until it is there: another frame's picture must not stand beside this one's number.
+  /** Until it is there: another frame's picture must not stand beside this one's number.
    * @param {boolean} on
    */
   showImage(on) {

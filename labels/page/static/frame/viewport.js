@@ -48,8 +48,7 @@ export class Viewport {
     return { x: (x - origin.x) / scale, y: (y - origin.y) / scale };
   }
 
-  /**
-   * Zoom by a factor; what lies under (x, y) on the canvas stays there.
+  /** Zoom by a factor; what lies under (x, y) on the canvas stays there.
    * @param {number} factor @param {number} x @param {number} y
    */
   zoomBy(factor, x, y) {
@@ -76,8 +75,7 @@ export class Viewport {
     this.moveCentre(-dx / this.scale, -dy / this.scale);
   }
 
-  /**
-   * Move so that a box of frame pixels is in sight.
+  /** Move so that a box of frame pixels is in sight.
    * @param {{x: number, y: number, width: number, height: number}} box
    */
   reveal({ x, y, width, height }) {
@@ -100,8 +98,7 @@ export class Viewport {
   }
 }
 
-/**
- * The frame's edge does not come inside the canvas while the frame is larger than it.
+/** The frame's edge does not come inside the canvas while the frame is larger than it.
  * @param {number} centre @param {number} room @param {number} size
  */
 function hold(centre, room, size) {

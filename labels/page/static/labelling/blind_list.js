@@ -32,8 +32,7 @@ export function tryBlindList() {
   return loadBlindList().catch(onFailure());
 }
 
-/**
- * Whether a frame is on the list, or there is none.
+/** Whether a frame is on the list, or there is none.
  * @param {string} camera @param {number} frame
  */
 export function passesBlindList(camera, frame) {
@@ -45,8 +44,7 @@ export function blindFrames() {
   return mission.blind && list.of === setting("blindOf") ? (list.frames ?? []) : [];
 }
 
-/**
- * The next {camera, frame} to label blind that is not done, after this one, if one is named, and
+/** The next {camera, frame} to label blind that is not done, after this one, if one is named, and
  * then from the beginning; null when all are done or there is no list.
  * @param {string} [camera] @param {number} [frame]
  */

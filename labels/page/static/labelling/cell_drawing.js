@@ -14,8 +14,7 @@ const BOLD = "600 14px system-ui, sans-serif";
 
 /** @import { Box, CellPlan, Hint, Note, ShownCell, ShownLabels } from "../types.js" */
 
-/**
- * What is drawn of a patch: its label, else what is proposed for it.
+/** What is drawn of a patch: its label, else what is proposed for it.
  * @param {?string} label @param {?Hint | undefined} hint @returns {?ShownCell}
  */
 export function shownCell(label, hint) {
@@ -25,8 +24,7 @@ export function shownCell(label, hint) {
   return { label: hint.label, line: hint.strong ? "dashed" : "dotted", mark };
 }
 
-/**
- * Draw `ShownCell`s, row by row: labels, outlined solid and tinted (unsure ones hatched), and
+/** Draw `ShownCell`s, row by row: labels, outlined solid and tinted (unsure ones hatched), and
  * proposals, outlined dashed or, if not confident, dotted. What is clear has faint lines only.
  * @param {CellPlan} plan @param {(?ShownCell)[]} cells
  */
@@ -80,8 +78,7 @@ function fill(ctx, { x, y, width, height }, label) {
 /** @type {?CanvasPattern} */
 let hatch = null;
 
-/**
- * Thin lines, light beside dark, so that they show on any ground.
+/** Thin lines, light beside dark, so that they show on any ground.
  * @param {CanvasRenderingContext2D} ctx @returns {CanvasPattern | string}
  */
 function hatching(ctx) {
@@ -115,8 +112,7 @@ function firstOfAreas(keys) {
   });
 }
 
-/**
- * Mark patches that the server has not acknowledged.
+/** Mark patches that the server has not acknowledged.
  * @param {CellPlan} plan @param {Iterable<number>} cells
  */
 export function drawPending({ ctx, boxOf }, cells) {
@@ -130,8 +126,7 @@ export function drawPending({ ctx, boxOf }, cells) {
   }
 }
 
-/**
- * What others said other than what is shown: an initial and the class's sign in the lower left
+/** What others said other than what is shown: an initial and the class's sign in the lower left
  * corner; a mark in the right one where two people are sure of different classes; a tick where it
  * is settled. That only somebody else said clear is not told where nothing is shown. `cells`: as
  * `drawCells` takes them.
@@ -171,8 +166,7 @@ function drawDisagreement({ ctx }, { x, y, width, height }) {
   rimmedText(ctx, "≠", x + width - 5, y + height - 3, "#ff7aa2");
 }
 
-/**
- * Show the cursor's cell, if there is one, and the cells that are selected.
+/** Show the cursor's cell, if there is one, and the cells that are selected.
  * @param {CellPlan} plan @param {?number} cursor @param {number[]} selection
  */
 export function drawCursor(plan, cursor, selection) {
@@ -189,8 +183,7 @@ export function drawCursor(plan, cursor, selection) {
   strokeTwice(ctx, path, "#ffffff", [], 2);
 }
 
-/**
- * Fill patches faintly: the stroke that is being drawn. A null label takes labels back.
+/** Fill patches faintly: the stroke that is being drawn. A null label takes labels back.
  * @param {CellPlan} plan @param {Iterable<number>} cells @param {?string} label
  */
 export function drawStroke({ ctx, boxOf }, cells, label) {
@@ -203,8 +196,7 @@ export function drawStroke({ ctx, boxOf }, cells, label) {
   ctx.globalAlpha = 1;
 }
 
-/**
- * Edges towards a patch with another key, `inset` CSS pixels inside the patch.
+/** Edges towards a patch with another key, `inset` CSS pixels inside the patch.
  * @param {Path2D} path @param {Box} box @param {number} cell @param {unknown[]} keys
  * @param {number} inset
  */
@@ -234,8 +226,7 @@ function addEdges(path, { x, y, width, height }, cell, keys, inset) {
   }
 }
 
-/**
- * @param {CanvasRenderingContext2D} ctx @param {Path2D} path @param {string} colour
+/** @param {CanvasRenderingContext2D} ctx @param {Path2D} path @param {string} colour
  * @param {number[]} dash @param {number} width
  */
 function strokeTwice(ctx, path, colour, dash, width) {
@@ -251,8 +242,7 @@ function strokeTwice(ctx, path, colour, dash, width) {
   ctx.setLineDash([]);
 }
 
-/**
- * On its colour only where it is a label and there is room: all else covers less of the picture.
+/** On its colour only where it is a label and there is room: all else covers less of the picture.
  * @param {CanvasRenderingContext2D} ctx @param {Box} box @param {ShownCell} shown
  */
 function drawSign(ctx, { x, y, width }, { label, line, mark }) {
@@ -268,8 +258,7 @@ function drawSign(ctx, { x, y, width }, { label, line, mark }) {
   }
 }
 
-/**
- * @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} x @param {number} y
+/** @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} x @param {number} y
  * @param {string} ink
  */
 function smallText(ctx, text, x, y, ink) {
@@ -277,8 +266,7 @@ function smallText(ctx, text, x, y, ink) {
   rimmedText(ctx, text, x, y, ink);
 }
 
-/**
- * @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} x @param {number} y
+/** @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} x @param {number} y
  * @param {string} ink
  */
 function rimmedText(ctx, text, x, y, ink) {
@@ -287,8 +275,7 @@ function rimmedText(ctx, text, x, y, ink) {
   ctx.fillText(text, x, y);
 }
 
-/**
- * Fold the upper right corner of patches that have a note.
+/** Fold the upper right corner of patches that have a note.
  * @param {CellPlan} plan @param {Note[]} notes
  */
 export function drawNotes({ ctx, boxOf }, notes) {

@@ -8,10 +8,7 @@ import { needsObstacleClass, obstacleClass, percentRight } from "./suggest.js";
 
 /** @import { Child, NumberSetting } from "../types.js" */
 
-/**
- * Build the drawer of settings, with `more` of the view.
- * @param {...Child} more
- */
+/** Build the drawer of settings, with `more` of the view. @param {...Child} more */
 export function buildDrawer(...more) {
   const model = el("div", { class: "model" });
   const root = el("aside", { class: "drawer", "aria-label": "Settings" },
@@ -29,8 +26,7 @@ export function buildDrawer(...more) {
   return { root, show };
 }
 
-/**
- * A slider of a setting, with its value.
+/** A slider of a setting, with its value.
  * @param {NumberSetting} name @param {string} label @param {number} min @param {number} max
  * @param {number} step
  */

@@ -16,8 +16,7 @@ const ASK_AGAIN_MS = 300;
 
 /** @import { ByCamera, QueueEntry, Signal } from "../types.js" */
 
-/**
- * The filters by state in the words of the page; all but "all" and "open" are one state.
+/** The filters by state in the words of the page; all but "all" and "open" are one state.
  * @type {Record<string, string>}
  */
 const FILTERS = {
@@ -30,8 +29,7 @@ const FILTERS = {
   x: "disagreement",
 };
 
-/**
- * The filters to choose from: each value of the setting "filter", and its words.
+/** The filters to choose from: each value of the setting "filter", and its words.
  * @returns {[value: string, words: string][]}
  */
 export function filterChoices() {
@@ -57,8 +55,7 @@ export function filterWords() {
   return filterChoices().find(([name]) => name === chosen)?.[1] ?? "";
 }
 
-/**
- * Whether the filter in force lets a frame through, looked up once for many.
+/** Whether the filter in force lets a frame through, looked up once for many.
  * @returns {(camera: string, frame: number) => boolean}
  */
 export function passing() {
@@ -88,15 +85,13 @@ export function filterSelect(words, title) {
 /** @type {{filter: string, frames: ?Record<string, Set<number>>, asked: number, timer: number}} */
 const list = { filter: "", frames: null, asked: 0, timer: 0 }; // `frames` null: not known yet
 
-/**
- * Be told that the frames asked for last are known: `onClassFrames((first) => ...)` returns what
+/** Be told that the frames asked for last are known: `onClassFrames((first) => ...)` returns what
  * stops it; `first`: they were not known before.
  * @type {Signal<[first: boolean]>}
  */
 export const [onClassFrames, classFramesKnown] = signal();
 
-/**
- * False while that is not known.
+/** False while that is not known.
  * @param {string} name @param {string} camera @param {number} frame
  */
 function listed(name, camera, frame) {

@@ -1,7 +1,6 @@
 // The states of frames, as every view names and draws them.
 
-/**
- * Each state's name, colour and part of the strip's height. Later ones win a shared pixel.
+/** Each state's name, colour and part of the strip's height. Later ones win a shared pixel.
  * @type {Record<string, {words: string, colour: string, height: number}>}
  */
 export const STATES = {

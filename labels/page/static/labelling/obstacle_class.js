@@ -20,8 +20,7 @@ async function setObstacleClass(value) {
   await post("/api/settings", { name: "obstacle_as", value }).catch(onFailure(explain));
 }
 
-/**
- * Ask which class the model's obstacles are, where it learnt several and nobody said it yet;
+/** Ask which class the model's obstacles are, where it learnt several and nobody said it yet;
  * whether it had to be asked.
  */
 export function askObstacleClass() {

@@ -16,8 +16,7 @@ const COPY = { text: "copy", percent: null, strong: true, kept: true, model: nul
 /** @type {Map<string, Place & {copies: (?string)[]}>} What an accepting action took, by its key. */
 const taken = new Map();
 
-/**
- * Put a label on patches; null takes my labels back.
+/** Put a label on patches; null takes my labels back.
  * @param {string} camera @param {number} frame @param {number[]} cells @param {?string} label
  */
 export function paint(camera, frame, cells, label, kind = "paint") {
@@ -26,10 +25,9 @@ export function paint(camera, frame, cells, label, kind = "paint") {
   return key;
 }
 
-/**
- * The patches of a frame without a label of mine, which one key makes clear; but not those that the
- * model calls an obstacle, or that are proposed as one: to call them clear takes a stroke of their
- * own.
+/** The patches of a frame without a label of mine, which one key makes clear; but not those that
+ * the model calls an obstacle, or that are proposed as one: to call them clear takes a stroke of
+ * their own.
  * @param {string} camera @param {number} frame @param {(?Hint)[]} [hints] Its proposals.
  * @returns {{cells: number[], left: number, waits: boolean}} `left`: how many stay as they are;
  *   `waits`: what the model says is not known yet.
@@ -43,8 +41,7 @@ export function restOf(camera, frame, hints = hintsOf(camera, frame)) {
   return { cells, left: open.length - cells.length, waits: false };
 }
 
-/**
- * Label the rest of a frame with the class that is no obstacle.
+/** Label the rest of a frame with the class that is no obstacle.
  * @param {string} camera @param {number} frame
  */
 export function paintRest(camera, frame) {
@@ -62,8 +59,7 @@ export function leftWords(left) {
   return left ? `${patches} open: the model sees an obstacle there.` : "";
 }
 
-/**
- * Accept proposals.
+/** Accept proposals.
  * @param {string} camera @param {number} frame
  * @param {{cells?: number[], all?: boolean}} [options] `cells`: these only; `all`: also those
  *   below the threshold.
@@ -85,16 +81,14 @@ export function accept(camera, frame, { cells, all = false } = {}) {
   return patches.length;
 }
 
-/**
- * Whether it must be asked first which obstacle the model means by these patches; then it is.
+/** Whether it must be asked first which obstacle the model means by these patches; then it is.
  * @param {LabelledPatch[]} patches
  */
 export function asksFirst(patches) {
   return patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass();
 }
 
-/**
- * Propose the copies again that an action took which is undone now.
+/** Propose the copies again that an action took which is undone now.
  * @param {string | undefined} key
  */
 export function proposeAgain(key) {
@@ -103,8 +97,7 @@ export function proposeAgain(key) {
   labelsChanged(camera, frame);
 }
 
-/**
- * Propose labels, one a cell or null, for the patches that have none; `whose`: where they come
+/** Propose labels, one a cell or null, for the patches that have none; `whose`: where they come
  * from, in words; `none`: what to say where there are none.
  * @param {string} camera @param {number} frame @param {(?string)[]} labels @param {string} whose
  * @param {string} none
@@ -126,8 +119,7 @@ export function propose(camera, frame, labels, whose, none) {
   say(`${copied} labels of ${whose} copied: Enter accepts, Escape drops them. ${words}`);
 }
 
-/**
- * Drop the copies that were not accepted; whether there were any.
+/** Drop the copies that were not accepted; whether there were any.
  * @param {string} camera @param {number} frame
  */
 export function dropAllCopies(camera, frame) {
@@ -139,8 +131,7 @@ export function dropAllCopies(camera, frame) {
   return true;
 }
 
-/**
- * The proposals for the patches of a frame without a label of mine; a copy goes before a
+/** The proposals for the patches of a frame without a label of mine; a copy goes before a
  * suggestion, but a clear class is not copied over what the model calls an obstacle.
  * @param {string} camera @param {number} frame @returns {(?Hint)[]}
  */
@@ -174,16 +165,14 @@ function nameOf(camera, frame) {
   return `${PREFIX}${mission.mission}/${rows}x${cols}/${who()}/${camera}/${frame}`;
 }
 
-/**
- * The unconfirmed copies on a frame: labels or null, one a cell; empty where there are none.
+/** The unconfirmed copies on a frame: labels or null, one a cell; empty where there are none.
  * @param {string} camera @param {number} frame @returns {(?string)[]}
  */
 function copiesOf(camera, frame) {
   return read(nameOf(camera, frame)) ?? [];
 }
 
-/**
- * Whether the browser keeps them.
+/** Whether the browser keeps them.
  * @param {string} camera @param {number} frame @param {(?string)[]} labels
  */
 function setCopies(camera, frame, labels) {

@@ -4,8 +4,7 @@ import { get } from "../core/api.js";
 import { frameIndex, frames, mission, stateOf } from "../core/mission.js";
 import { passing } from "./filters.js";
 
-/**
- * The frame some steps away (negative: backwards) among those that pass the filter; null if there
+/** The frame some steps away (negative: backwards) among those that pass the filter; null if there
  * is none in that direction.
  * @param {string} camera @param {number} frame @param {number} steps
  */
@@ -23,8 +22,7 @@ export function stepFrom(camera, frame, steps) {
   return found;
 }
 
-/**
- * The next frame in one of some states, round the end of the mission; null if there is none.
+/** The next frame in one of some states, round the end of the mission; null if there is none.
  * @param {string} camera @param {number} frame @param {string} states
  */
 export function nextIn(camera, frame, states, direction = 1) {
@@ -37,8 +35,7 @@ export function nextIn(camera, frame, states, direction = 1) {
   return null;
 }
 
-/**
- * Camera and frame where a person goes on: the one labelled last, else the first not done.
+/** Camera and frame where a person goes on: the one labelled last, else the first not done.
  * @returns {[camera: string, frame: number]}
  */
 export function whereStopped() {
@@ -55,8 +52,7 @@ const QUEUE_LENGTH = 30;
 /** @type {Set<string>} */
 const shown = new Set();
 
-/**
- * The frame that the model is least sure about and that is unlike what is labelled, asked for
+/** The frame that the model is least sure about and that is unlike what is labelled, asked for
  * while a frame of a camera is shown.
  * @param {string} camera @param {number} frame
  * @returns {Promise<{camera?: string, frame?: number, why: string}>} Without a frame: `why` says

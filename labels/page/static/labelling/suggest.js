@@ -54,8 +54,7 @@ export function needsObstacleClass() {
   return model.classes.some((_, at) => model.obstacle[at] && !isNamed(model, at));
 }
 
-/**
- * Whether a class of the model's is one of the taxonomy, and an obstacle there as it is here.
+/** Whether a class of the model's is one of the taxonomy, and an obstacle there as it is here.
  * @param {Model} model @param {number} index
  */
 function isNamed({ classes: names, obstacle }, index) {
@@ -68,8 +67,7 @@ function labelFor(model, index) {
   return model.obstacle[index] ? obstacleClass() : clearClass();
 }
 
-/**
- * Which patches of a frame the model calls an obstacle, whether suggestions are shown or not; null
+/** Which patches of a frame the model calls an obstacle, whether suggestions are shown or not; null
  * while that is not known, empty where no model judges the frame.
  * @param {string} camera @param {number} frame @returns {?boolean[]}
  */
@@ -81,9 +79,8 @@ export function modelObstacles(camera, frame) {
   return suggestions.classes.map((index) => model.obstacle[index]);
 }
 
-/**
- * The suggestion for each patch of a frame; null where there are none (no model, blind, not computed
- * yet, or the frame cannot be judged).
+/** The suggestion for each patch of a frame; null where there are none (no model, blind, not
+ * computed yet, or the frame cannot be judged).
  * @param {string} camera @param {number} frame @returns {?Suggestion[]}
  */
 export function suggestedLabels(camera, frame) {
@@ -100,8 +97,7 @@ export function suggestedLabels(camera, frame) {
   });
 }
 
-/**
- * How many of a hundred patches, at least, that a model called obstacle (or clear) with such a
+/** How many of a hundred patches, at least, that a model called obstacle (or clear) with such a
  * decision value were so: of patches that it had not learnt from when it was trained. Null where
  * that was not measured.
  * @param {boolean} obstacle @param {number} value
@@ -113,8 +109,7 @@ export function percentRight(obstacle, value) {
   return found?.[3] ?? null;
 }
 
-/**
- * What the model alone says of each patch.
+/** What the model alone says of each patch.
  * @param {string} camera @param {number} frame @returns {?Says[]}
  */
 function modelSays(camera, frame) {
@@ -138,8 +133,7 @@ function followed(says, y) {
   return !y || contradicts(says, y) ? { label: says.label, mine: false } : y;
 }
 
-/**
- * Whether a class is an obstacle; null of one that says neither, such as unsure.
+/** Whether a class is an obstacle; null of one that says neither, such as unsure.
  * @param {?string} label
  */
 export function kindOf(label) {
@@ -154,8 +148,7 @@ function contradicts({ label, named, value }, { label: y, mine }) {
   return !agrees && value >= setting("follow");
 }
 
-/**
- * The frames before one that its suggestions depend on, latest first.
+/** The frames before one that its suggestions depend on, latest first.
  * @param {string} camera @param {number} frame @returns {number[]}
  */
 export function framesFollowed(camera, frame) {
@@ -172,8 +165,7 @@ export function framesFollowed(camera, frame) {
   return chain;
 }
 
-/**
- * What holds on the frame before: labels of mine, else what is suggested there by the same rule.
+/** What holds on the frame before: labels of mine, else what is suggested there by the same rule.
  * @param {string} camera @param {number} frame @returns {?(?Held)[]}
  */
 function heldBefore(camera, frame) {
@@ -197,8 +189,7 @@ function heldBefore(camera, frame) {
   return held;
 }
 
-/**
- * Why a frame has no suggestions; "" where it has or nothing is amiss.
+/** Why a frame has no suggestions; "" where it has or nothing is amiss.
  * @param {string} camera @param {number} frame
  */
 export function suggestionFault(camera, frame) {

@@ -21,8 +21,7 @@ export async function stepForward() {
   tell("Done again", await redo());
 }
 
-/**
- * Say what was undone where, and show it: views of frames go there, the others offer to.
+/** Say what was undone where, and show it: views of frames go there, the others offer to.
  * @param {string} what @param {?Head} head
  */
 function tell(what, head) {
@@ -47,8 +46,7 @@ const OWN_KEYS = { undo: "z", redo: "Z", settings: DRAWER_KEY };
 
 /** @import { Command, Head, PainterRow, Tool } from "../types.js" */
 
-/**
- * Build the toolbar.
+/** Build the toolbar.
  * @param {Record<string, Command>} commands
  * @param {(name: string) => unknown} choose Takes a class.
  * @param {(command: string) => string} keyFor As of `commandButtons`.

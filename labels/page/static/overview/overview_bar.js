@@ -18,8 +18,7 @@ const KEYS = { acceptNext: "Enter", acceptAll: "Shift+Enter", rest: "o" };
 
 /** The bar, the toolbar and the drawer. */
 export class OverviewBar {
-  /**
-   * @param {{accept: (all: boolean) => void, rest: () => void, turn: (step: number) => void,
+  /** @param {{accept: (all: boolean) => void, rest: () => void, turn: (step: number) => void,
    *   resize: (step: number) => void, otherCamera: () => void}} does What the buttons do.
    */
   constructor(does) {
@@ -56,8 +55,7 @@ export class OverviewBar {
     setSetting("filter", filter.value);
   }
 
-  /**
-   * Say what is shown (`range`: which frames) and what the buttons would do.
+  /** Say what is shown (`range`: which frames) and what the buttons would do.
    * @param {string} range @param {Tally} tally
    */
   show(range, { strong, weak, open, waiting }) {

@@ -124,8 +124,7 @@ function size() {
   return { count: rows * columns(), width, height };
 }
 
-/**
- * The first `count` frames from index `from` on that are shown.
+/** The first `count` frames from index `from` on that are shown.
  * @param {number[]} list @param {number} from @param {number} count
  */
 function framesFrom(list, from, count) {
@@ -136,8 +135,7 @@ function framesFrom(list, from, count) {
   return found;
 }
 
-/**
- * The last `count` frames before index `until` that are shown, ascending.
+/** The last `count` frames before index `until` that are shown, ascending.
  * @param {number[]} list @param {number} until @param {number} count
  */
 function framesBefore(list, until, count) {
@@ -242,8 +240,7 @@ function showWords() {
   parts().bar.show(range, tally((thumb) => thumb.content));
 }
 
-/**
- * Patches of the frames that Enter works on, by what would happen to them.
+/** Patches of the frames that Enter works on, by what would happen to them.
  * @param {(thumb: Thumb) => ?ThumbContent} contentFor
  */
 function tally(contentFor) {
@@ -397,8 +394,7 @@ function allThumbs(start) {
   );
 }
 
-/**
- * A class that nobody chose is not painted with: the first one means that the way is clear.
+/** A class that nobody chose is not painted with: the first one means that the way is clear.
  * @param {number} mouseButton
  */
 function labelOf(mouseButton) {
@@ -464,8 +460,7 @@ function clicked(event) {
   open(thumb);
 }
 
-/**
- * @param {string[]} keys @param {string} does @param {KeyEntry["run"]} [run]
+/** @param {string[]} keys @param {string} does @param {KeyEntry["run"]} [run]
  * @returns {KeyEntry}
  */
 const row = (keys, does, run) => ({ keys, does, run });

@@ -13,8 +13,7 @@ import { labelsOf } from "../saving/labels.js";
 
 /** @import { ShownCell, ThumbContent } from "../types.js" */
 
-/**
- * What a frame shows and what of it waits for a decision; null while it is not loaded.
+/** What a frame shows and what of it waits for a decision; null while it is not loaded.
  * @param {string} camera @param {number} frame @returns {?ThumbContent}
  */
 export function contentOf(camera, frame) {
@@ -33,8 +32,7 @@ export function suggesting() {
 
 /** A thumbnail. */
 export class Thumb {
-  /**
-   * `onShape`: the picture has another shape than was believed; `onPicture`: it is there, or not.
+  /** `onShape`: the picture has another shape than was believed; `onPicture`: it is there, or not.
    * @param {string} camera @param {number} frame
    * @param {{onShape: () => void, onPicture: () => void}} told
    */
@@ -73,8 +71,7 @@ export class Thumb {
     });
   }
 
-  /**
-   * Take a place and a size in CSS pixels; a picture that is there stays until a better one is.
+  /** Take a place and a size in CSS pixels; a picture that is there stays until a better one is.
    * @param {string} id @param {number} width @param {number} height
    */
   place(id, width, height) {
@@ -85,8 +82,7 @@ export class Thumb {
     setAttribute(this.image, "src", thumbAddress(this.camera, this.frame, width));
   }
 
-  /**
-   * The cell under a point of the window; -1 if it is not over the picture.
+  /** The cell under a point of the window; -1 if it is not over the picture.
    * @param {number} x @param {number} y
    */
   cellAt(x, y) {
@@ -95,8 +91,7 @@ export class Thumb {
     return cellAt(Math.floor((y - box.top) / height), Math.floor((x - box.left) / width));
   }
 
-  /**
-   * Draw labels and suggestions, and say the state.
+  /** Draw labels and suggestions, and say the state.
    * @param {{excluded: boolean, painted: ?Map<number, string>, cursor: ?number}} marks
    *   `painted`: cells of a stroke that goes on; `cursor`: cell of the keyboard's cursor.
    */
@@ -109,8 +104,7 @@ export class Thumb {
     this.#say(content, excluded);
   }
 
-  /**
-   * Drawing takes much longer than finding out that nothing is to be drawn.
+  /** Drawing takes much longer than finding out that nothing is to be drawn.
    * @param {(?ShownCell)[]} cells @param {?number} cursor
    */
   #drawOnce(cells, cursor) {

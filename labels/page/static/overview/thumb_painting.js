@@ -8,8 +8,7 @@ const STEP = 4; // CSS pixels between two looks at what a stroke passes
 /** @import { Cells, Point, StrokeHost } from "../types.js" */
 /** @import { Thumb } from "./thumb.js" */
 
-/**
- * Let strokes be painted over the thumbnails in an element.
+/** Let strokes be painted over the thumbnails in an element.
  * @param {HTMLElement} element @param {StrokeHost} host
  */
 export function paintOver(element, host) {

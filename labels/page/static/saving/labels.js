@@ -25,15 +25,13 @@ const known = {
   modelDone: 0,
 };
 
-/**
- * Be told of frames whose labels changed: `onLabels((camera, frame) => ...)` returns what stops it;
- * and tell it: `labelsChanged(camera, frame)`. Nulls: all frames.
+/** Be told of frames whose labels changed: `onLabels((camera, frame) => ...)` returns what stops
+ * it; and tell it: `labelsChanged(camera, frame)`. Nulls: all frames.
  * @type {Signal<[camera: ?string, frame: ?number]>}
  */
 export const [onLabels, labelsChanged] = signal();
 
-/**
- * The labels of a frame as they shall be shown; null while they are not loaded.
+/** The labels of a frame as they shall be shown; null while they are not loaded.
  * @param {string} camera @param {number} frame
  * @returns {?ShownLabels}
  */
@@ -63,8 +61,7 @@ function copied({ mine, settled, models }) {
   return { mine: [...mine], settled: [...settled], models: { ...models } };
 }
 
-/**
- * @param {Pick<FrameLabels, "mine" | "settled" | "models">} labels @param {Entry} entry
+/** @param {Pick<FrameLabels, "mine" | "settled" | "models">} labels @param {Entry} entry
  * @param {Change} change @param {(cell: number) => boolean} holds
  */
 function applyChange(labels, entry, change, holds) {
@@ -81,8 +78,7 @@ function applyChange(labels, entry, change, holds) {
   }
 }
 
-/**
- * Load the labels of frames that are not there yet; done when they are (or could not be had).
+/** Load the labels of frames that are not there yet; done when they are (or could not be had).
  * @param {string} camera @param {number[]} frames
  */
 export function prefetch(camera, frames) {
@@ -101,8 +97,7 @@ export function prefetchOf(patches) {
   }
 }
 
-/**
- * Frames asked for in one turn of the event loop travel in one request.
+/** Frames asked for in one turn of the event loop travel in one request.
  * @param {string} key @param {string} camera @param {number} frame @returns {Promise<unknown>}
  */
 function want(key, camera, frame) {
@@ -165,8 +160,7 @@ function takeTruth(event, labels) {
   labelsChanged(camera, frame);
 }
 
-/**
- * Take an acknowledged action into what the server said.
+/** Take an acknowledged action into what the server said.
  * @param {Entry} entry @param {ActionAnswer} answer
  */
 export function acknowledge(entry, answer) {
@@ -187,8 +181,7 @@ export function acknowledge(entry, answer) {
   labelsAreStale(reread, answer.event);
 }
 
-/**
- * Ask anew for frames, [camera, frame], that somebody else changed; those not in memory are asked
+/** Ask anew for frames, [camera, frame], that somebody else changed; those not in memory are asked
  * for when shown. Answers from before `event` do not do.
  * @param {[camera: string, frame: number][]} frames @param {number} [event]
  */

@@ -80,10 +80,7 @@ function headline(conflicts, refused, foreign) {
   return parts.join(" · ");
 }
 
-/**
- * @template T
- * @param {T[]} list @param {(one: T) => HTMLElement} itemOf @param {string} what
- */
+/** @template T @param {T[]} list @param {(one: T) => HTMLElement} itemOf @param {string} what */
 function someOf(list, itemOf, what) {
   const items = list.slice(0, MAX_SHOWN).map(itemOf);
   const more = list.length - items.length;
@@ -104,8 +101,7 @@ function said(label) {
   return label === null ? "no label" : `“${label}”`;
 }
 
-/**
- * One action, which one undo takes back: settlements are another one than labels.
+/** One action, which one undo takes back: settlements are another one than labels.
  * @param {NotedConflict[]} conflicts
  */
 function useMine(conflicts) {

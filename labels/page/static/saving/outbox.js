@@ -48,8 +48,7 @@ export function waiting() {
   return outbox.queue;
 }
 
-/**
- * Add an entry at the end, or before all others.
+/** Add an entry at the end, or before all others.
  * @param {Entry} entry @param {{first?: boolean}} [options]
  */
 export function enqueue(entry, { first = false } = {}) {
@@ -69,16 +68,14 @@ export function dequeue(entry) {
   }
 }
 
-/**
- * The waiting entries that change a frame.
+/** The waiting entries that change a frame.
  * @param {string} camera @param {number} frame @returns {Entry[]}
  */
 export function waitingFor(camera, frame) {
   return outbox.byFrame.get(frameKey(camera, frame)) ?? [];
 }
 
-/**
- * The frames that an entry changes, [camera, frame], each once.
+/** The frames that an entry changes, [camera, frame], each once.
  * @param {Entry} entry @returns {[camera: string, frame: number][]}
  */
 export function framesOf(entry) {
@@ -112,8 +109,7 @@ export function holdPage() {
   setInterval(beat, BEAT_MS);
 }
 
-/**
- * Keep an entry, whose `stored` becomes its name in the storage; whether that worked.
+/** Keep an entry, whose `stored` becomes its name in the storage; whether that worked.
  * @param {Entry} entry
  */
 export function keep(entry) {
@@ -169,8 +165,7 @@ export function unwritten() {
   return refused;
 }
 
-/**
- * Set an entry refused.aside that the server will never take, and why, in its words.
+/** Set an entry refused.aside that the server will never take, and why, in its words.
  * @param {Entry} entry @param {?string} refusal
  */
 export function setAside(entry, refusal) {
@@ -199,8 +194,7 @@ export function setForeign(entries) {
   refusedChanged();
 }
 
-/**
- * Note patches of an entry that were not written: somebody said something else meanwhile.
+/** Note patches of an entry that were not written: somebody said something else meanwhile.
  * @param {Entry} entry @param {Refused[]} refusedCells
  */
 export function noteConflicts(entry, refusedCells) {
@@ -215,8 +209,7 @@ export function noteConflicts(entry, refusedCells) {
   refusedChanged();
 }
 
-/**
- * Of two things said of a patch and not written only the newer one is still meant.
+/** Of two things said of a patch and not written only the newer one is still meant.
  * @param {NotedConflict} one @param {NotedConflict} other
  */
 function isOfOnePatch(one, other) {
@@ -236,8 +229,7 @@ function drop(conflict) {
   refused.conflicts = refused.conflicts.filter((other) => other !== conflict);
 }
 
-/**
- * Read the refused.conflicts that this person left open.
+/** Read the refused.conflicts that this person left open.
  * @param {string} mission @param {string} who
  */
 export function readConflicts(mission, who) {

@@ -36,8 +36,7 @@ const saver = {
   stranger: "", // what the server shows instead of this page's mission
   tries: 0,
   retryTimer: 0,
-  /**
-   * The store's events that this page's own actions made: what they say is known here already.
+  /** The store's events that this page's own actions made: what they say is known here already.
    * @type {{before: number, last: number}[]}
    */
   ownEvents: [],
@@ -62,8 +61,7 @@ const history = {
 /** @type {Signal<[]>} Be told when `state()` or `pending()` may have changed. */
 export const [onState, stateChanged] = signal();
 
-/**
- * How it stands; "saved" only when the server acknowledged all actions of this page and can take
+/** How it stands; "saved" only when the server acknowledged all actions of this page and can take
  * further ones.
  * @returns {SaveState}
  */
@@ -98,8 +96,7 @@ export function whenIdle() {
   return promise;
 }
 
-/**
- * Do something to labels.
+/** Do something to labels.
  * @param {string} kind What the person did, for messages.
  * @param {Wanted[]} changes Labels of the frames must be loaded where `base` is missing.
  * @param {{source?: string, hold?: boolean}} [options] `hold`: not sent for a moment, for
@@ -130,8 +127,7 @@ function release(key) {
   if (saver.held.delete(key)) pump();
 }
 
-/**
- * Take an action back that was meant otherwise: as if it had never been, if not sent yet.
+/** Take an action back that was meant otherwise: as if it had never been, if not sent yet.
  * @param {string} key
  */
 export function withdraw(key) {
@@ -153,8 +149,7 @@ export function patchesAre(count) {
   return count === 1 ? "1 patch is" : `${count.toLocaleString("en")} patches are`;
 }
 
-/**
- * `LabelledPatch`es as the changes that `act` takes: one for each frame and label.
+/** `LabelledPatch`es as the changes that `act` takes: one for each frame and label.
  * @param {LabelledPatch[]} patches
  */
 export function changesOf(patches) {
@@ -168,8 +163,7 @@ export function changesOf(patches) {
   });
 }
 
-/**
- * Give `LabelledPatch`es their labels, as one action that one undo takes back; how many change.
+/** Give `LabelledPatch`es their labels, as one action that one undo takes back; how many change.
  * @param {string} kind @param {LabelledPatch[]} patches
  * @param {{source?: string, hold?: boolean}} [options]
  */
@@ -208,8 +202,7 @@ function newEntry(parts) {
   };
 }
 
-/**
- * Kept in the browser first, so that what is shown survives a crash of the page; then on its way,
+/** Kept in the browser first, so that what is shown survives a crash of the page; then on its way,
  * before the page is busy with drawing.
  * @param {Entry} entry
  */
@@ -263,8 +256,7 @@ function opposite(changes) {
   });
 }
 
-/**
- * Take the newest action back: the head of what is undone; null if there is nothing, or it cannot
+/** Take the newest action back: the head of what is undone; null if there is nothing, or it cannot
  * be done now (that was said).
  */
 export function undo() {
@@ -276,8 +268,7 @@ export function redo() {
   return step("redo");
 }
 
-/**
- * What undo and redo would act on: two heads as `undo` gives them, null where there is nothing; {}
+/** What undo and redo would act on: two heads as `undo` gives them, null where there is nothing; {}
  * where only the server knows, which is told of an action now.
  * @returns {[?Partial<Head>, ?Head]}
  */
@@ -286,8 +277,7 @@ export function nextSteps() {
   return [history.undoable.at(-1) ?? rest, history.redoable.at(-1) ?? null];
 }
 
-/**
- * One after the other: what the second of two quick presses acts on depends on the first.
+/** One after the other: what the second of two quick presses acts on depends on the first.
  * @param {"undo" | "redo"} kind
  */
 function step(kind) {
@@ -384,8 +374,7 @@ async function checkServer() {
   if (saver.stranger) throw new ApiError(421, saver.stranger);
 }
 
-/**
- * Note what the server shows instead of this page's mission; "" where it shows that.
+/** Note what the server shows instead of this page's mission; "" where it shows that.
  * @param {string} words
  */
 export function noteStranger(words) {
@@ -421,8 +410,7 @@ function noteOwn({ event, changed }) {
   if (saver.ownEvents.length > KEPT_RANGES) saver.ownEvents.shift();
 }
 
-/**
- * Whether all events after `since` up to `last` are of this page's own actions.
+/** Whether all events after `since` up to `last` are of this page's own actions.
  * @param {number} since @param {number} last
  */
 export function allOwn(since, last) {
@@ -466,8 +454,7 @@ export function setConnected(value) {
   stateChanged();
 }
 
-/**
- * Take in what an event says, unless actions of ours that it cannot know of wait.
+/** Take in what an event says, unless actions of ours that it cannot know of wait.
  * @param {News} news
  */
 export function takeEventHeads({ undo: heads }) {

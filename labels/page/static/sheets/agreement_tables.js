@@ -81,8 +81,7 @@ function columnHead(text) {
   return el("th", { text, scope: "col" });
 }
 
-/**
- * Who said what where: each pair {a, b} of labels and how often; one that differs is a button that
+/** Who said what where: each pair {a, b} of labels and how often; one that differs is a button that
  * gives it to `choose`, pressed if it is the `chosen` one, whose conflicts are shown.
  * @param {Agreement} found @param {?Pair} chosen @param {(pair: Pair) => void} choose
  */
@@ -106,8 +105,7 @@ export function confusionTable(found, chosen, choose) {
   );
 }
 
-/**
- * @param {Pair} pair @param {number} number @param {Agreement} found @param {?Pair} chosen
+/** @param {Pair} pair @param {number} number @param {Agreement} found @param {?Pair} chosen
  * @param {(pair: Pair) => void} choose
  */
 function confusionCell({ a, b }, number, found, chosen, choose) {

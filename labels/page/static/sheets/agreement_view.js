@@ -18,14 +18,12 @@ import { Asking, DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet
 /** @import { Agreement, Child, Conflict, Pair, SheetPlace } from "../types.js" */
 /** @import { ApiError } from "../core/api.js" */
 
-/**
- * The conflicts of one comparison. Of the view, `only`: the labels that conflicts must have;
+/** The conflicts of one comparison. Of the view, `only`: the labels that conflicts must have;
  * `unsure`: also those where one was not sure, null while nobody chose.
  * @extends {DecisionSheet<Conflict>}
  */
 class ConflictSheet extends DecisionSheet {
-  /**
-   * @param {Pair} people Names. @param {?SheetPlace} place
+  /** @param {Pair} people Names. @param {?SheetPlace} place
    * @param {() => void} onChoice Other labels were chosen to look at.
    */
   constructor(people, place, onChoice) {
@@ -49,8 +47,7 @@ class ConflictSheet extends DecisionSheet {
     );
   }
 
-  /**
-   * Take what the server found; `anew`: show it from where the person was, else tiles stay.
+  /** Take what the server found; `anew`: show it from where the person was, else tiles stay.
    * @param {Conflict[]} conflicts @param {{anew: boolean}} options
    */
   take(conflicts, { anew }) {
@@ -65,8 +62,7 @@ class ConflictSheet extends DecisionSheet {
     this.choose({ unsure: !this.view.unsure });
   }
 
-  /**
-   * Show `only` the conflicts of two labels, {a, b}; of the same two again, or of null: all.
+  /** Show `only` the conflicts of two labels, {a, b}; of the same two again, or of null: all.
    * @param {?Pair} only
    */
   choosePair(only) {
@@ -77,8 +73,7 @@ class ConflictSheet extends DecisionSheet {
     this.grid.focus();
   }
 
-  /**
-   * Settle the selected conflicts, or the one under the cursor and go on; null takes it back.
+  /** Settle the selected conflicts, or the one under the cursor and go on; null takes it back.
    * @param {?string} label
    */
   settle(label) {
@@ -197,8 +192,7 @@ function hide() {
   view.root = null;
 }
 
-/**
- * Who is compared: as the address says, else somebody else with whom works here.
+/** Who is compared: as the address says, else somebody else with whom works here.
  * @param {string} a @param {string} b @returns {?Pair}
  */
 function pairFor(a, b) {

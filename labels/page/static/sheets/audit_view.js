@@ -26,8 +26,7 @@ const labelOf = ({ label, suggested }) => label || suggested;
 /** @param {Doubt} doubt */
 const suggestedOf = ({ suggested }) => suggested;
 
-/**
- * One audit's patches, the worst first; `mine`, `settled` and `decided` as they were when it was
+/** One audit's patches, the worst first; `mine`, `settled` and `decided` as they were when it was
  * loaded.
  * @extends {DecisionSheet<Doubt>}
  */
@@ -60,8 +59,7 @@ class AuditSheet extends DecisionSheet {
     this.refresh();
   }
 
-  /**
-   * Decide what the selected patches are, or the one under the cursor and go on to the next.
+  /** Decide what the selected patches are, or the one under the cursor and go on to the next.
    * Labels of one's own are changed; a confirmation, and a decision on what somebody else
    * labelled, stands beside the labels as a settlement: one action, which one undo takes back.
    * @param {(doubt: Doubt) => string} labelFor
@@ -80,8 +78,7 @@ class AuditSheet extends DecisionSheet {
     say(`${patchesAre(count)} decided; Ctrl+Z undoes.`);
   }
 
-  /**
-   * The patches, and all of the findings that they are of: a finding is decided at once.
+  /** The patches, and all of the findings that they are of: a finding is decided at once.
    * @param {Doubt[]} patches
    */
   whole(patches) {
@@ -104,8 +101,7 @@ class AuditSheet extends DecisionSheet {
     say(count === 0 ? "Nothing to take back." : `${patchesAre(count)} open again.`);
   }
 
-  /**
-   * What has been decided since the audit, with what has not reached the server yet; else null.
+  /** What has been decided since the audit, with what has not reached the server yet; else null.
    * @param {Doubt} doubt @returns {?string}
    */
   decisionOn(doubt) {

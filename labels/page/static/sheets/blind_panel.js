@@ -22,8 +22,7 @@ const WHY_BLIND =
   "A second person labels the same frames without seeing the first one's labels or any " +
   "suggestion. Only then does agreement say something about the labels.";
 
-/**
- * The form that begins a blind labelling; `of`: whose frames are proposed.
+/** The form that begins a blind labelling; `of`: whose frames are proposed.
  * @param {{of: string, onCancel?: () => void}} options
  */
 export function blindForm({ of, onCancel }) {
@@ -49,8 +48,7 @@ export function blindForm({ of, onCancel }) {
   );
 }
 
-/**
- * Work blind from now on, as `name`, on the frames of `of`.
+/** Work blind from now on, as `name`, on the frames of `of`.
  * @param {string} of @param {string} name
  */
 async function beginBlind(of, name) {
@@ -89,8 +87,7 @@ async function changePerson(change) {
   await change().catch(onFailure(explain)).finally(listenAnew);
 }
 
-/**
- * How far a blind labelling is; `fault`: why there is no list, "" where there is.
+/** How far a blind labelling is; `fault`: why there is no list, "" where there is.
  * @param {string} fault
  */
 export function blindProgress(fault) {

@@ -19,10 +19,7 @@ const MARGINS = [0, 0.25, 1]; // around a patch, in patches
 /** @import { SheetPage, SheetTile } from "../types.js" */
 /** @import { ApiError } from "../core/api.js" */
 
-/**
- * A person's patches of one class.
- * @extends {TileSheet<SheetTile>}
- */
+/** A person's patches of one class. @extends {TileSheet<SheetTile>} */
 class ReviewSheet extends TileSheet {
   /** @param {string} label */
   constructor(label) {
@@ -84,8 +81,7 @@ class ReviewSheet extends TileSheet {
 
   // ---- What the server has
 
-  /**
-   * Load the page that begins with the patch at `offset`.
+  /** Load the page that begins with the patch at `offset`.
    * @param {number} offset @param {{quietly?: boolean}} [options]
    */
   async load(offset, { quietly = false } = {}) {
@@ -141,8 +137,7 @@ class ReviewSheet extends TileSheet {
     if (this.page) this.load(this.page.offset);
   }
 
-  /**
-   * The next page starts after what is still of this class, so that relabelling skips nothing.
+  /** The next page starts after what is still of this class, so that relabelling skips nothing.
    * @param {number} step
    */
   turn(step) {

@@ -11,8 +11,7 @@ let grids = 0;
 /** @import { GridHost, KeyEntry, Patch } from "../types.js" */
 /** @import { Point, Rectangle, Selecting, SelectionChange } from "../types.js" */
 
-/**
- * Which of a number of tiles are selected, and where the cursor is: as in a file manager, except
+/** Which of a number of tiles are selected, and where the cursor is: as in a file manager, except
  * that a plain click adds to the selection, because odd patches lie scattered.
  */
 export class TileSelection {
@@ -52,8 +51,7 @@ export class TileSelection {
     for (let tile = first; tile <= last; tile += 1) this.chosen.add(tile);
   }
 
-  /**
-   * Move the cursor by this many tiles; with `extend`, select what it passes.
+  /** Move the cursor by this many tiles; with `extend`, select what it passes.
    * @param {number} step @param {boolean} extend
    */
   move(step, extend) {
@@ -64,8 +62,7 @@ export class TileSelection {
     else this.place(target);
   }
 
-  /**
-   * Add these tiles (or take them away) on top of an earlier selection.
+  /** Add these tiles (or take them away) on top of an earlier selection.
    * @param {Set<number>} earlier @param {number[]} tiles @param {boolean} remove
    */
   sweep(earlier, tiles, remove) {
@@ -92,13 +89,9 @@ export class TileSelection {
   }
 }
 
-/**
- * Grid of tiles.
- * @template {Patch} T
- */
+/** Grid of tiles. @template {Patch} T */
 export class TileGrid {
-  /**
-   * `label`: what the grid holds, for screen readers; `captionLines`: lines kept free under each
+  /** `label`: what the grid holds, for screen readers; `captionLines`: lines kept free under each
    * picture, 0: the caption stands over it.
    * @param {string} label @param {number} captionLines @param {GridHost<T>} sheet
    */
@@ -127,8 +120,7 @@ export class TileGrid {
     });
   }
 
-  /**
-   * Show these tiles, as `resize` does.
+  /** Show these tiles, as `resize` does.
    * @param {T[]} tiles @param {{width: number, margin: number}} look
    */
   show(tiles, look) {
@@ -137,8 +129,7 @@ export class TileGrid {
     this.resize(look);
   }
 
-  /**
-   * Show the same tiles, maybe at another size: width in CSS pixels, margin around each patch in
+  /** Show the same tiles, maybe at another size: width in CSS pixels, margin around each patch in
    * patches. Selection and cursor stay.
    * @param {{width: number, margin: number}} look
    */
@@ -173,8 +164,7 @@ export class TileGrid {
     return this.selection.targets().map((index) => this.tiles[index]);
   }
 
-  /**
-   * Change the selection by `change(selection)` and show it.
+  /** Change the selection by `change(selection)` and show it.
    * @param {(selection: TileSelection) => unknown} change
    */
   select(change) {
@@ -284,8 +274,7 @@ export class TileGrid {
   }
 }
 
-/**
- * Rows of a view's table of keys that move the cursor of its grid and select.
+/** Rows of a view's table of keys that move the cursor of its grid and select.
  * @param {() => Selecting | undefined} gridOf
  */
 export function selectionKeys(gridOf) {

@@ -13,8 +13,7 @@ const COLUMNS = 10;
 const CHUNK = 20;
 const LARGEST = 256; // pixels; the server makes no larger tile
 
-/**
- * Address of one image with these patches, ten square tiles to a row.
+/** Address of one image with these patches, ten square tiles to a row.
  * @param {Patch[]} tiles @param {number} width @param {number} margin
  */
 function patchesAddress(tiles, width, margin) {
@@ -29,8 +28,7 @@ function patchesAddress(tiles, width, margin) {
   });
 }
 
-/**
- * Show one tile of a sprite in an element as wide as a tile and of the patches' shape.
+/** Show one tile of a sprite in an element as wide as a tile and of the patches' shape.
  * @param {HTMLElement} element @param {string} sprite @param {number} position
  * @param {number} width @param {number} height
  */
@@ -43,8 +41,7 @@ function placeTile(element, sprite, position, width, height) {
   element.style.backgroundPosition = `${-column * width}px ${-top}px`;
 }
 
-/**
- * The rectangle of the patch itself within its tile, which at a frame's edge is not the middle.
+/** The rectangle of the patch itself within its tile, which at a frame's edge is not the middle.
  * @param {Patch} patch @param {number} width @param {number} height @param {number} margin
  * @returns {Rectangle}
  */
@@ -76,8 +73,7 @@ export class TilePictures {
     });
   }
 
-  /**
-   * Show these patches, each in one of the elements.
+  /** Show these patches, each in one of the elements.
    * @param {Patch[]} tiles @param {HTMLElement[]} elements @param {Look} look
    */
   show(tiles, elements, look) {
@@ -150,8 +146,7 @@ export class PatchPreview {
     );
   }
 
-  /**
-   * Show a patch, and say these lines about it; without one hide.
+  /** Show a patch, and say these lines about it; without one hide.
    * @param {Patch | undefined} tile @param {string[]} lines
    */
   show(tile, lines) {
@@ -183,8 +178,7 @@ export class PatchPreview {
   }
 }
 
-/**
- * Put an element where a rectangle is.
+/** Put an element where a rectangle is.
  * @param {HTMLElement} element @param {Rectangle} rectangle
  */
 export function putAt(element, rectangle) {

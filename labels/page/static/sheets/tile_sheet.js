@@ -30,8 +30,7 @@ export class Asking {
   #event = 0; // up to which the last answer knows
   #timer = 0;
 
-  /**
-   * The answer; null if it fails, which `failed` hears of, or something was asked meanwhile.
+  /** The answer; null if it fails, which `failed` hears of, or something was asked meanwhile.
    * @template {keyof Answers} P
    * @param {P} path @param {Params} params @param {(error: ApiError) => unknown} [failed]
    * @returns {Promise<?Answers[P]>}
@@ -49,8 +48,7 @@ export class Asking {
     return answer;
   }
 
-  /**
-   * Ask again by `work` in a while, if labels changed somewhere since the last answer.
+  /** Ask again by `work` in a while, if labels changed somewhere since the last answer.
    * @param {() => unknown} work
    */
   soon(work) {
@@ -66,8 +64,7 @@ export class Asking {
   }
 }
 
-/**
- * A grid of tiles and what stands beside it. A sheet says of its tiles `describe(tile)` (as
+/** A grid of tiles and what stands beside it. A sheet says of its tiles `describe(tile)` (as
  * `TileGrid` takes it), `about(tile)` (lines under the preview) and `chosenWords(count)` (before
  * the buttons that act on the selected ones).
  * @template {Patch} T
@@ -97,8 +94,7 @@ export class TileSheet {
     return "";
   }
 
-  /**
-   * The bar of what can be done to the selected patches.
+  /** The bar of what can be done to the selected patches.
    * @param {string} label @param {...Child} children
    */
   bar(label, ...children) {
@@ -106,8 +102,7 @@ export class TileSheet {
     return el("div", options, this.chosen, ...children);
   }
 
-  /**
-   * Show these tiles, and load the labels of their frames: they say what was done since.
+  /** Show these tiles, and load the labels of their frames: they say what was done since.
    * @param {T[]} tiles @param {{width: number, margin: number}} look @param {?number} cursor
    */
   showTiles(tiles, look, cursor) {
@@ -157,16 +152,14 @@ export class TileSheet {
   }
 }
 
-/**
- * A sheet of `patches` on which people decide. It says of a patch `decisionOn(patch)` (a class;
+/** A sheet of `patches` on which people decide. It says of a patch `decisionOn(patch)` (a class;
  * null while it is open), `opinions(patch)` ([mark, class, words] of each caption line) and
  * `decisionWords(decision)`; and `emptyWords()` where there is no patch to show.
  * @template {SaidPatch} T
  * @extends {TileSheet<T>}
  */
 export class DecisionSheet extends TileSheet {
-  /**
-   * `label`: what the grid holds; `filters`: what is filtered, for screen readers; `decided`: the
+  /** `label`: what the grid holds; `filters`: what is filtered, for screen readers; `decided`: the
    * word for patches that are not open; `margin` around each patch, in patches; `place`: where the
    * person was, or nothing.
    * @param {{label: string, filters: string, decided: string, margin: number,
@@ -253,8 +246,7 @@ export class DecisionSheet extends TileSheet {
     else this.choose({ first });
   }
 
-  /**
-   * Whether a patch is shown at all; a sheet may leave some out.
+  /** Whether a patch is shown at all; a sheet may leave some out.
    * @param {T} _patch @returns {boolean}
    */
   keeps(_patch) {
@@ -268,8 +260,7 @@ export class DecisionSheet extends TileSheet {
     return kept.filter((patch) => (this.decisionOn(patch) === null) === (which === OPEN));
   }
 
-  /**
-   * Select nothing; who decided on the `single` patch under the cursor goes on to the next that is
+  /** Select nothing; who decided on the `single` patch under the cursor goes on to the next that is
    * not one of the `decided`: the server may not have told of these yet.
    * @param {boolean} single @param {T[]} [decided]
    */
@@ -321,8 +312,7 @@ export class DecisionSheet extends TileSheet {
   }
 }
 
-/**
- * One of the tabs that lead from sheet to sheet: its words, how many patches it has.
+/** One of the tabs that lead from sheet to sheet: its words, how many patches it has.
  * @param {Child} words @param {number} patches @param {string} href @param {boolean} isCurrent
  */
 export function tab(words, patches, href, isCurrent) {
@@ -336,16 +326,14 @@ function captionLine(mark, name) {
   return el("span", {}, el("b", { text: mark }), swatch(name), el("span", { text: name }));
 }
 
-/**
- * What is settled of a patch, with what has not reached the server yet.
+/** What is settled of a patch, with what has not reached the server yet.
  * @param {SaidPatch} patch
  */
 export function settledOf(patch) {
   return nowOf(patch, "settled");
 }
 
-/**
- * The person's own label of a patch, with what has not reached the server yet.
+/** The person's own label of a patch, with what has not reached the server yet.
  * @param {SaidPatch} patch
  */
 export function mineOf(patch) {
@@ -358,8 +346,7 @@ function nowOf(patch, what) {
   return (known ? known[what][patch.cell] : patch[what]) ?? null;
 }
 
-/**
- * Give patches other labels of one's own; null takes them away. Gives how many change.
+/** Give patches other labels of one's own; null takes them away. Gives how many change.
  * @template {SaidPatch} T
  * @param {T[]} patches @param {(one: T) => ?string} labelFor @param {string} [kind]
  */
@@ -368,8 +355,7 @@ export function relabel(patches, labelFor, kind = "relabel") {
   return actOn(kind, wanted);
 }
 
-/**
- * Settle patches: both opinions stay, and what holds stands beside them; null takes it back. Gives
+/** Settle patches: both opinions stay, and what holds stands beside them; null takes it back. Gives
  * how many change.
  * @template {SaidPatch} T
  * @param {T[]} patches @param {(one: T) => ?string} labelFor @param {string} [kind]
@@ -379,8 +365,7 @@ export function settle(patches, labelFor, kind = "settle") {
   return actOn(kind, wanted, { source: "settled" });
 }
 
-/**
- * Makes rows of a view's table of keys that only work while its sheet is shown.
+/** Makes rows of a view's table of keys that only work while its sheet is shown.
  * @template S
  * @param {() => ?S} sheetOf
  * @returns {(keys: string[], does: string, act: (sheet: S) => unknown) => KeyEntry}

@@ -66,8 +66,7 @@ export async function askPerson() {
   while (!who()) await personDialog(setPerson);
 }
 
-/**
- * Let a person say who works here; without an answer nothing changes. `take({who, blind})`, whose
+/** Let a person say who works here; without an answer nothing changes. `take({who, blind})`, whose
  * promise is waited for, takes the answer.
  * @param {(person: Person) => Promise<void>} take
  */
