@@ -1,8 +1,9 @@
 // Types that the rooms above core share, with those of core; see core/types.d.ts.
 
 import type {
-  FrameLabels, Grid, LabelClass, Patch, Refused, SheetAnswer, SheetPatch,
+  FrameLabels, Grid, Head, LabelClass, Patch, Place, Refused, SheetAnswer, SheetPatch,
 } from "./core/types.js";
+import type { PatchCursor } from "./core/patch_grid.js";
 import type { Beside } from "./frame/beside.js";
 import type { FrameCanvas } from "./frame/frame_canvas.js";
 import type { FrameShow } from "./frame/frame_show.js";
@@ -16,12 +17,45 @@ export type * from "./core/types.js";
 
 // saving/labels.js
 
+/** What is known of frames, each by its key. */
+export interface KnownLabels {
+  /** Least recently used first. */
+  truths: Map<string, FrameLabels & { event: number }>;
+  /** The event up to which a frame must be read again. */
+  stale: Map<string, number>;
+  loading: Map<string, Promise<unknown>>;
+  /** By camera: what is asked for at the end of this turn. */
+  wanted: Map<string, Batch>;
+  generation: number;
+  modelDone: number;
+}
+
 /** `pending`: cells that the server has not acknowledged. */
 export type ShownLabels = FrameLabels & { pending: Set<number> };
 
 export type Batch = { frames: number[] } & PromiseWithResolvers<unknown>;
 
 // saving/outbox.js
+
+/** The actions that wait. */
+export interface WaitingEntries {
+  queue: Entry[];
+  /** The same by the frames that they change. */
+  byFrame: Map<string, Entry[]>;
+  page: string;
+  /** How many entries were kept so far. */
+  count: number;
+}
+
+/** What was not written. */
+export interface Unwritten {
+  /** What the server refused, each with its `refusal`. */
+  aside: Entry[];
+  /** Entries in this browser that are another mission's or another person's. */
+  foreign: Entry[];
+  /** What there is to decide. */
+  conflicts: NotedConflict[];
+}
 
 /** An action of the page: what is kept in the browser and sent. */
 export interface Entry {
@@ -70,6 +104,33 @@ export interface NotedConflict extends Refused {
 }
 
 // saving/saver.js
+
+/** What the saver is about. */
+export interface SaverState {
+  idleWaiters: (() => void)[];
+  running: boolean;
+  connected: boolean;
+  trouble: { state: "offline" | "refused", text: string } | null;
+  /** What the server shows instead of this page's mission. */
+  stranger: string;
+  tries: number;
+  retryTimer: number;
+  /** The store's events that this page's own actions made: what they say is known here already. */
+  ownEvents: { before: number, last: number }[];
+  /** Keys of actions that may still be withdrawn. */
+  held: Set<string>;
+  /** When actions were done, by key. */
+  starts: Map<string, number>;
+}
+
+/** The server's history, ahead of its acknowledgements: its ends, as this page knows them. */
+export interface KnownHistory {
+  undoable: Head[];
+  redoable: Head[];
+  /** Actions of this page by key. */
+  known: Map<string, { changes: Change[], source: string }>;
+  steps: Promise<Head | null>;
+}
 
 export type SaveState = "saved" | "saving" | "offline" | "refused";
 
@@ -200,6 +261,20 @@ export type How = "paint" | "erase" | "confirm" | "unsure";
 
 // frame/frame_state.js
 
+export interface FrameState {
+  /** Null while another view is shown. */
+  page: FramePage | null;
+  /** What the chosen tool does. */
+  tool: "paint" | "erase" | "confirm";
+  /** Why this frame is shown, where it was asked for. */
+  why: string;
+  /** While the space bar is down. */
+  space: { panned: boolean } | null;
+  /** Where the person was, to come back to. */
+  last: Place | null;
+  cursor: PatchCursor;
+}
+
 /** What is on the page while the view is shown. */
 export interface FramePage {
   root: HTMLElement;
@@ -261,6 +336,19 @@ export interface PointerGestures {
 }
 
 // overview/overview_state.js
+
+export interface OverviewState {
+  /** Null while another view is shown. */
+  parts: Parts | null;
+  /** Null until the shape of its pictures is known. */
+  page: Sheet | null;
+  /** The one asked for last: where the person was, to come back to. */
+  last: Sheet | null;
+  /** The key of what was painted since the button went down. */
+  painted: string | null;
+  /** The same of clicks that follow one another, as those of a double click. */
+  clicks: (string | null)[];
+}
 
 /** Patches by what would happen to them; `waiting`: frames of which that is not known. */
 export interface Tally {

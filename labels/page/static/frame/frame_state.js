@@ -2,21 +2,11 @@
 
 import { PatchCursor } from "../core/patch_grid.js";
 
-/** @import { FramePage, Place } from "../types.js" */
+/** @import { FramePage, FrameState } from "../types.js" */
 
-/** The view's state; all of it. */
+/** The view's state; all of it. @type {FrameState} */
 export const view = {
-  /** @type {?FramePage} Null while another view is shown. */
-  page: null,
-  /** @type {"paint" | "erase" | "confirm"} What the chosen tool does. */
-  tool: "paint",
-  /** Why this frame is shown, where it was asked for. */
-  why: "",
-  /** @type {?{panned: boolean}} While the space bar is down. */
-  space: null,
-  /** @type {?Place} Where the person was, to come back to. */
-  last: null,
-  cursor: new PatchCursor(),
+  page: null, tool: "paint", why: "", space: null, last: null, cursor: new PatchCursor(),
 };
 
 /** What is on the page; only to be asked while the view is shown. */

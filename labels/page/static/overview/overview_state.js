@@ -1,20 +1,9 @@
 // The state of the overview: what is on the page, and what outlasts it.
 
-/** @import { Parts, Sheet } from "../types.js" */
+/** @import { OverviewState, Parts, Sheet } from "../types.js" */
 
-/** The view's state; all of it. */
-export const view = {
-  /** @type {?Parts} Null while another view is shown. */
-  parts: null,
-  /** @type {?Sheet} Null until the shape of its pictures is known. */
-  page: null,
-  /** @type {?Sheet} The one asked for last: where the person was, to come back to. */
-  last: null,
-  /** @type {?string} The key of what was painted since the button went down. */
-  painted: null,
-  /** @type {(?string)[]} The same of clicks that follow one another, as those of a double click. */
-  clicks: [],
-};
+/** The view's state; all of it. @type {OverviewState} */
+export const view = { parts: null, page: null, last: null, painted: null, clicks: [] };
 
 /** The elements on show; only to be asked while the view is shown. */
 export function parts() {

@@ -9,17 +9,13 @@ const MAX_A_REQUEST = 60;
 const KEPT = 400;
 
 /** @import { ActionAnswer, Batch, Change, Entry } from "../types.js" */
-/** @import { FrameLabels, Place, ShownLabels, Signal } from "../types.js" */
+/** @import { FrameLabels, KnownLabels, Place, ShownLabels, Signal } from "../types.js" */
 
-/** What is known of frames, each by its key. */
+/** @type {KnownLabels} */
 const known = {
-  /** @type {Map<string, FrameLabels & {event: number}>} Least recently used first. */
   truths: new Map(),
-  /** @type {Map<string, number>} The event up to which a frame must be read again. */
   stale: new Map(),
-  /** @type {Map<string, Promise<unknown>>} */
   loading: new Map(),
-  /** @type {Map<string, Batch>} By camera: what is asked for at the end of this turn. */
   wanted: new Map(),
   generation: 0,
   modelDone: 0,

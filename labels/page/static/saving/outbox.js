@@ -18,25 +18,13 @@ const BEAT_MS = 5000;
 const SILENT_MS = 150000;
 
 /** @import { Entry, NotedConflict, Refused, Signal } from "../types.js" */
+/** @import { Unwritten, WaitingEntries } from "../types.js" */
 
-const outbox = {
-  /** @type {Entry[]} */
-  queue: [],
-  /** @type {Map<string, Entry[]>} The same by the frames that they change. */
-  byFrame: new Map(),
-  page: uniqueKey(),
-  count: 0, // of entries kept so far
-};
+/** @type {WaitingEntries} */
+const outbox = { queue: [], byFrame: new Map(), page: uniqueKey(), count: 0 };
 
-/** What was not written. */
-const refused = {
-  /** @type {Entry[]} That the server refused, each with its `refusal`. */
-  aside: [],
-  /** @type {Entry[]} In this browser that are another mission's or another person's. */
-  foreign: [],
-  /** @type {NotedConflict[]} To decide. */
-  conflicts: [],
-};
+/** @type {Unwritten} */
+const refused = { aside: [], foreign: [], conflicts: [] };
 
 /** The key of a frame in maps. @param {string} camera @param {number} frame */
 export function frameKey(camera, frame) {

@@ -23,40 +23,25 @@ const KEPT_RANGES = 500;
 export const CONFIRM = "confirm";
 const HOLD_MS = 600; // longer than the second click of a double click takes
 
-/** @import { ActionAnswer, Change, Entry, Head, Heads } from "../types.js" */
-/** @import { LabelledPatch, News, SaveState, Signal, Wanted } from "../types.js" */
+/** @import { ActionAnswer, Change, Entry, Head, Heads, KnownHistory } from "../types.js" */
+/** @import { LabelledPatch, News, SaverState, SaveState, Signal, Wanted } from "../types.js" */
 
+/** @type {SaverState} */
 const saver = {
-  /** @type {(() => void)[]} */
   idleWaiters: [],
   running: false,
   connected: true,
-  /** @type {?{state: "offline" | "refused", text: string}} */
   trouble: null,
-  stranger: "", // what the server shows instead of this page's mission
+  stranger: "",
   tries: 0,
   retryTimer: 0,
-  /** The store's events that this page's own actions made: what they say is known here already.
-   * @type {{before: number, last: number}[]}
-   */
   ownEvents: [],
-  /** @type {Set<string>} Keys of actions that may still be withdrawn. */
   held: new Set(),
-  /** @type {Map<string, number>} When actions were done, by key. */
   starts: new Map(),
 };
 
-/** The server's history, ahead of its acknowledgements: its ends, as this page knows them. */
-const history = {
-  /** @type {Head[]} */
-  undoable: [],
-  /** @type {Head[]} */
-  redoable: [],
-  /** @type {Map<string, {changes: Change[], source: string}>} Actions of this page by key. */
-  known: new Map(),
-  /** @type {Promise<?Head>} */
-  steps: Promise.resolve(null),
-};
+/** @type {KnownHistory} */
+const history = { undoable: [], redoable: [], known: new Map(), steps: Promise.resolve(null) };
 
 /** @type {Signal<[]>} Be told when `state()` or `pending()` may have changed. */
 export const [onState, stateChanged] = signal();
