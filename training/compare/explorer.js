@@ -162,9 +162,7 @@ function element(name, attributes) {
 
 const WIDTH = 480, HEIGHT = 170, LEFT = 26, TOP = 10, FOOT = 6;
 
-/** By step, as the slider above moves: not by value.
- * @param {number[]} thresholds @param {number} step
- */
+/** By step, as the slider moves, not by value. @param {number[]} thresholds @param {number} step */
 function across(thresholds, step) {
   return LEFT + ((WIDTH - LEFT - 6) * step) / Math.max(1, thresholds.length - 1);
 }

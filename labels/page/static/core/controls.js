@@ -4,9 +4,7 @@
 import { button, el, say, setAttribute } from "./dom.js";
 import { colourOf, mission, signOf } from "./mission.js";
 
-/** Patch of colour with the class's key in it, so that colour is never the only sign.
- * @param {string} name
- */
+/** Patch of colour with the class's key, as colour is never the only sign. @param {string} name */
 export function swatch(name) {
   const mark = el("span", { class: "swatch", text: signOf(name), "aria-hidden": "true" });
   mark.style.backgroundColor = colourOf(name);

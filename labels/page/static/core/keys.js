@@ -177,9 +177,7 @@ function printed(key) {
   return key.replace(/Arrow\w+/, (name) => ARROWS[name]);
 }
 
-/** The form in which a page key can be pressed: with Alt where a class takes it.
- * @param {string} key
- */
+/** How a page key can be pressed: with Alt where a class takes it. @param {string} key */
 export function reachable(key) {
   return mission.classes.some((known) => known.key === key) ? `Alt+${key}` : key;
 }

@@ -113,9 +113,7 @@ function setState(camera, frame, state) {
   if (index >= 0) mission.states[camera][index] = state;
 }
 
-/** Be told that another person works here from now on, before the mission is loaded anew.
- * @type {Signal<[]>}
- */
+/** Be told that another person works here, before the mission is loaded anew. @type {Signal<[]>} */
 export const [onReload, personChanged] = signal();
 
 /** Work as somebody else, or hide (or show again) what others and the model said to this person,
@@ -143,9 +141,7 @@ export async function beginAnew(hides = mission.blind) {
   await loadMission();
 }
 
-/** Take in an answer unless somebody else works here by the time it comes.
- * @param {Promise<News>} request
- */
+/** Take in an answer unless somebody else works here by then. @param {Promise<News>} request */
 export async function takeNewsOf(request) {
   const asked = here.person;
   const news = await request;
@@ -195,9 +191,7 @@ function lightened(color) {
   return `rgb(${shown.map((part) => Math.max(0, Math.round(part))).join(" ")})`;
 }
 
-/** The sign that stands for a class besides its colour: its key, else its first letter.
- * @param {string} name
- */
+/** The sign of a class besides its colour: its key, else its first letter. @param {string} name */
 export function signOf(name) {
   return classOf(name).key || name.slice(0, 1);
 }

@@ -86,9 +86,7 @@ export function cellsOfColumn(col) {
   return cellsBetween(cellAt(0, col), cellAt(mission.grid.rows - 1, col));
 }
 
-/** What arrow keys add to a row and a column.
- * @type {Record<string, [rows: number, cols: number]>}
- */
+/** What arrow keys add to row and column. @type {Record<string, [rows: number, cols: number]>} */
 export const ARROWS = {
   ArrowLeft: [0, -1],
   ArrowRight: [0, 1],

@@ -51,9 +51,7 @@ export function go(hash, { replace = false } = {}) {
   route();
 }
 
-/** Show another address without going anywhere: what is shown moved on by itself.
- * @param {string} hash
- */
+/** Show another address without going there: the view moved on by itself. @param {string} hash */
 export function noteAddress(hash) {
   if (hash !== location.hash) history.replaceState(null, "", hash);
 }

@@ -15,9 +15,7 @@ import { page, view } from "./frame_state.js";
 const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row
 const READ_OUT_MS = 500; // a frame that was only passed is not read out
 
-/** Show another frame of this camera; nothing where there is none.
- * @param {?number | undefined} frame
- */
+/** Show another frame of this camera, if there is one. @param {?number | undefined} frame */
 export function goTo(frame) {
   if (frame === null || frame === undefined || Number.isNaN(frame)) return;
   view.why = "";

@@ -50,9 +50,7 @@ export function mayPaint() {
   return false;
 }
 
-/** Paint, take back, or accept what is proposed for patches.
- * @param {number[]} cells @param {How} how
- */
+/** Paint or erase patches, or accept their proposals. @param {number[]} cells @param {How} how */
 export function apply(cells, how, kind = "paint") {
   const { camera, frame } = page().show;
   if (how === "confirm") {
@@ -75,9 +73,7 @@ export function acceptHere(options) {
   return accept(camera, frame, options);
 }
 
-/** The same; `words` where there are none.
- * @param {string} words @param {{all?: boolean}} [options]
- */
+/** The same; `words` if there are none. @param {string} words @param {{all?: boolean}} [options] */
 export function acceptOr(words, options) {
   if (acceptHere(options) === 0) say(words);
 }
@@ -101,9 +97,7 @@ export function chooseTool(next) {
   showTools();
 }
 
-/** A class key: chooses the class, and paints the rectangle if there is one.
- * @param {string} name
- */
+/** A class key chooses the class, and paints the rectangle if there is one. @param {string} name */
 export function choose(name) {
   view.tool = "paint";
   selectClass(name);

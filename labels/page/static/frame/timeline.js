@@ -257,9 +257,7 @@ export class Timeline {
     }, REST_MS);
   }
 
-  /** Until it is there: another frame's picture must not stand beside this one's number.
-   * @param {boolean} on
-   */
+  /** Until it is there, no other frame's picture may stand by its number. @param {boolean} on */
   showImage(on) {
     this.image.style.visibility = on ? "visible" : "hidden";
   }

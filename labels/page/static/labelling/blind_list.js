@@ -32,9 +32,7 @@ export function tryBlindList() {
   return loadBlindList().catch(onFailure());
 }
 
-/** Whether a frame is on the list, or there is none.
- * @param {string} camera @param {number} frame
- */
+/** Whether a frame is listed, or there is no list. @param {string} camera @param {number} frame */
 export function passesBlindList(camera, frame) {
   return blindFrames().length === 0 || list.names.has(`${camera}/${frame}`);
 }

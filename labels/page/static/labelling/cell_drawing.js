@@ -112,9 +112,7 @@ function firstOfAreas(keys) {
   });
 }
 
-/** Mark patches that the server has not acknowledged.
- * @param {CellPlan} plan @param {Iterable<number>} cells
- */
+/** Mark patches that wait for the server. @param {CellPlan} plan @param {Iterable<number>} cells */
 export function drawPending({ ctx, boxOf }, cells) {
   Object.assign(ctx, { fillStyle: "#ffb000", strokeStyle: "#000", lineWidth: 1 });
   for (const cell of cells) {
@@ -275,9 +273,7 @@ function rimmedText(ctx, text, x, y, ink) {
   ctx.fillText(text, x, y);
 }
 
-/** Fold the upper right corner of patches that have a note.
- * @param {CellPlan} plan @param {Note[]} notes
- */
+/** Fold a corner of patches that have a note. @param {CellPlan} plan @param {Note[]} notes */
 export function drawNotes({ ctx, boxOf }, notes) {
   for (const { cell } of notes) {
     if (cell === null) continue;

@@ -91,9 +91,7 @@ const list = { filter: "", frames: null, asked: 0, timer: 0 }; // `frames` null:
  */
 export const [onClassFrames, classFramesKnown] = signal();
 
-/** False while that is not known.
- * @param {string} name @param {string} camera @param {number} frame
- */
+/** False while it is unknown. @param {string} name @param {string} camera @param {number} frame */
 function listed(name, camera, frame) {
   if (name !== list.filter) {
     forgetList();

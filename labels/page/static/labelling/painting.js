@@ -41,9 +41,7 @@ export function restOf(camera, frame, hints = hintsOf(camera, frame)) {
   return { cells, left: open.length - cells.length, waits: false };
 }
 
-/** Label the rest of a frame with the class that is no obstacle.
- * @param {string} camera @param {number} frame
- */
+/** Label the rest of a frame with the clear class. @param {string} camera @param {number} frame */
 export function paintRest(camera, frame) {
   const { cells, left, waits } = restOf(camera, frame);
   const words = waits ? "What the model says is still being loaded." : leftWords(left);
@@ -88,9 +86,7 @@ export function asksFirst(patches) {
   return patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass();
 }
 
-/** Propose the copies again that an action took which is undone now.
- * @param {string | undefined} key
- */
+/** Propose again the copies that an undone action took. @param {string | undefined} key */
 export function proposeAgain(key) {
   const { camera, frame, copies } = taken.get(key ?? "") ?? { camera: "", frame: 0, copies: [] };
   if (!copies.some(Boolean) || !setCopies(camera, frame, copies)) return;
@@ -119,9 +115,7 @@ export function propose(camera, frame, labels, whose, none) {
   say(`${copied} labels of ${whose} copied: Enter accepts, Escape drops them. ${words}`);
 }
 
-/** Drop the copies that were not accepted; whether there were any.
- * @param {string} camera @param {number} frame
- */
+/** Drop copies not accepted; whether any were. @param {string} camera @param {number} frame */
 export function dropAllCopies(camera, frame) {
   const copies = copiesOf(camera, frame);
   if (!copies.some(Boolean)) return false;

@@ -133,9 +133,7 @@ function followed(says, y) {
   return !y || contradicts(says, y) ? { label: says.label, mine: false } : y;
 }
 
-/** Whether a class is an obstacle; null of one that says neither, such as unsure.
- * @param {?string} label
- */
+/** Whether a class is an obstacle; null if it says neither, as unsure. @param {?string} label */
 export function kindOf(label) {
   return classOf(label).obstacle;
 }

@@ -460,9 +460,7 @@ function clicked(event) {
   open(thumb);
 }
 
-/** @param {string[]} keys @param {string} does @param {KeyEntry["run"]} [run]
- * @returns {KeyEntry}
- */
+/** @param {string[]} keys @param {string} does @param {KeyEntry["run"]} [run] */
 const row = (keys, does, run) => ({ keys, does, run });
 /** @param {() => void} run @returns {KeyEntry["run"]} */
 const once = (run) => (event) => event.repeat || run();

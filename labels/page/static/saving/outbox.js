@@ -36,9 +36,7 @@ export function waiting() {
   return outbox.queue;
 }
 
-/** Add an entry at the end, or before all others.
- * @param {Entry} entry @param {{first?: boolean}} [options]
- */
+/** Add an entry at the end, or first. @param {Entry} entry @param {{first?: boolean}} [options] */
 export function enqueue(entry, { first = false } = {}) {
   /** @param {Entry[]} list */
   const add = (list) => (first ? [entry, ...list] : [...list, entry]);
@@ -56,9 +54,7 @@ export function dequeue(entry) {
   }
 }
 
-/** The waiting entries that change a frame.
- * @param {string} camera @param {number} frame @returns {Entry[]}
- */
+/** The waiting entries that change a frame. @param {string} camera @param {number} frame */
 export function waitingFor(camera, frame) {
   return outbox.byFrame.get(frameKey(camera, frame)) ?? [];
 }
@@ -217,9 +213,7 @@ function drop(conflict) {
   refused.conflicts = refused.conflicts.filter((other) => other !== conflict);
 }
 
-/** Read the refused.conflicts that this person left open.
- * @param {string} mission @param {string} who
- */
+/** Read the conflicts that this person left open. @param {string} mission @param {string} who */
 export function readConflicts(mission, who) {
   const kept = names(CONFLICT).map((name) => ({ ...read(name), kept: true }));
   // Those that the browser could not keep are only here.

@@ -112,9 +112,7 @@ function release(key) {
   if (saver.held.delete(key)) pump();
 }
 
-/** Take an action back that was meant otherwise: as if it had never been, if not sent yet.
- * @param {string} key
- */
+/** Take back an action that was meant otherwise, if it is not sent yet. @param {string} key */
 export function withdraw(key) {
   const entry = waiting().find((one) => one.key === key);
   if (!entry || !saver.held.delete(key)) {
@@ -359,9 +357,7 @@ async function checkServer() {
   if (saver.stranger) throw new ApiError(421, saver.stranger);
 }
 
-/** Note what the server shows instead of this page's mission; "" where it shows that.
- * @param {string} words
- */
+/** Note what the server shows instead of this page's mission, else "". @param {string} words */
 export function noteStranger(words) {
   if (words === saver.stranger) return;
   saver.stranger = words;
@@ -439,9 +435,7 @@ export function setConnected(value) {
   stateChanged();
 }
 
-/** Take in what an event says, unless actions of ours that it cannot know of wait.
- * @param {News} news
- */
+/** Take in what an event says, unless actions that it cannot know of wait. @param {News} news */
 export function takeEventHeads({ undo: heads }) {
   if (heads && !waiting().length) takeHeads(heads);
 }

@@ -48,9 +48,7 @@ export function blindForm({ of, onCancel }) {
   );
 }
 
-/** Work blind from now on, as `name`, on the frames of `of`.
- * @param {string} of @param {string} name
- */
+/** Work blind, as `name`, on the frames of `of`. @param {string} of @param {string} name */
 async function beginBlind(of, name) {
   if (!name) return;
   if (name === of) {
@@ -87,9 +85,7 @@ async function changePerson(change) {
   await change().catch(onFailure(explain)).finally(listenAnew);
 }
 
-/** How far a blind labelling is; `fault`: why there is no list, "" where there is.
- * @param {string} fault
- */
+/** How far a blind labelling is; `fault`: why it has no list, else "". @param {string} fault */
 export function blindProgress(fault) {
   const list = blindFrames();
   const done = list.filter(({ camera, frame }) => stateOf(camera, frame) === "d").length;

@@ -178,9 +178,7 @@ export class PatchPreview {
   }
 }
 
-/** Put an element where a rectangle is.
- * @param {HTMLElement} element @param {Rectangle} rectangle
- */
+/** Put an element over a rectangle. @param {HTMLElement} element @param {Rectangle} rectangle */
 export function putAt(element, rectangle) {
   for (const [side, value] of Object.entries(rectangle)) {
     element.style.setProperty(side, `${value}px`);

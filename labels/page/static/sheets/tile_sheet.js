@@ -94,9 +94,7 @@ export class TileSheet {
     return "";
   }
 
-  /** The bar of what can be done to the selected patches.
-   * @param {string} label @param {...Child} children
-   */
+  /** The bar of commands for selected patches. @param {string} label @param {...Child} children */
   bar(label, ...children) {
     const options = { class: "bar", role: "group", "aria-label": label };
     return el("div", options, this.chosen, ...children);
@@ -246,9 +244,7 @@ export class DecisionSheet extends TileSheet {
     else this.choose({ first });
   }
 
-  /** Whether a patch is shown at all; a sheet may leave some out.
-   * @param {T} _patch @returns {boolean}
-   */
+  /** Whether a patch is shown; a sheet may leave some out. @param {T} _patch @returns {boolean} */
   keeps(_patch) {
     return true;
   }
@@ -326,16 +322,12 @@ function captionLine(mark, name) {
   return el("span", {}, el("b", { text: mark }), swatch(name), el("span", { text: name }));
 }
 
-/** What is settled of a patch, with what has not reached the server yet.
- * @param {SaidPatch} patch
- */
+/** What is settled of a patch, known to the server or not. @param {SaidPatch} patch */
 export function settledOf(patch) {
   return nowOf(patch, "settled");
 }
 
-/** The person's own label of a patch, with what has not reached the server yet.
- * @param {SaidPatch} patch
- */
+/** The person's own label of a patch, known to the server or not. @param {SaidPatch} patch */
 export function mineOf(patch) {
   return nowOf(patch, "mine");
 }
