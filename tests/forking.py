@@ -13,10 +13,11 @@ import signal
 import socket
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import IO, Any
 
+TOKT = "from tokt.cli import main; main()"
 LONGEST_REQUEST = 1 << 17
 """Bytes: arguments and an environment; Linux hands over somewhat more in one message."""
 
@@ -51,7 +52,8 @@ class ForkedProcess:
     def send_signal(self, number: int) -> None:
         """Send a signal, unless it has ended."""
         if self.poll() is None:
-            os.kill(self.pid, number)
+            with suppress(ProcessLookupError):  # it ends just now
+                os.kill(self.pid, number)
 
     def kill(self) -> None:
         """End it at once."""
@@ -73,16 +75,18 @@ class ForkHost:
     ----------
     imports : str
         Python that imports what the programs need.
+    program : str
+        Python that a child runs, with its words in `sys.argv`.
     """
 
-    def __init__(self, imports: str) -> None:
+    def __init__(self, imports: str, program: str = TOKT) -> None:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        words = (sys.executable, "-u", __file__, str(theirs.fileno()), imports)
+        words = (sys.executable, "-u", __file__, str(theirs.fileno()), imports, program)
         with theirs:
             self._process = subprocess.Popen(words, pass_fds=[theirs.fileno()])
 
     def start(self, *words: object) -> ForkedProcess:
-        """Run `tokt` with these words, in this process's folder and environment."""
+        """Run the program with these words, in this process's folder and environment."""
         here = {"folder": str(Path.cwd()), "environ": dict(os.environ)}
         request = {"words": [*map(str, words)], **here}
         pipes = [os.pipe() for _ in range(3)]
@@ -143,10 +147,8 @@ def _main() -> None:
         os.environ.clear()
         os.environ.update(request["environ"])
         os.chdir(request["folder"])
-        sys.argv = ["tokt", *request["words"]]
-        from tokt.cli import main
-
-        main()
+        program, sys.argv = sys.argv[3], ["tokt", *request["words"]]
+        exec(program, {})
 
 
 if __name__ == "__main__":

@@ -72,6 +72,17 @@ class Kind:
         return self.change(rng.choice(seeds), rng, others)
 
 
+def sound(name: str, *contents: bytes | str) -> Callable[[], Sequence[Files]]:
+    """Sound inputs of one file each."""
+    data = [one.encode() if isinstance(one, str) else one for one in contents]
+    return lambda: [{name: one} for one in data]
+
+
+def alone(read: Callable[[Path], object]) -> Callable[[Path], object]:
+    """What reads inputs of one file each, given what reads such a file."""
+    return lambda folder: read(*folder.iterdir())
+
+
 def write_files(files: Files, folder: Path) -> None:
     """Put an input where a reader of paths finds it."""
     for name, data in files.items():

@@ -36,10 +36,12 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
-from .case import Files, Kind, change_one, line_fault
+from .case import Files, Kind, alone, change_one, line_fault, sound
 from .changes import chance, changed_text
 
-_TAXONOMY = Path(__file__).parents[2] / "labels" / "taxonomy.toml"
+_LABELS = Path(__file__).parents[2] / "labels"
+_TAXONOMY = sound("taxonomy.toml", (_LABELS / "taxonomy.toml").read_bytes())
+_TABLES = (b"[[classes]]\n", b"a.b.c = {}\n")
 _KEPT = ExitStack()
 atexit.register(_KEPT.close)
 
@@ -106,7 +108,7 @@ def _labels(name: str) -> Kind:
         return [{path: data}, {path: foreign.encode()}, *more]
 
     splices = [text.encode() for text in _FOREIGN.values()]
-    return Kind(f"labels.{name}", seeds, _import_labels, 4.5, splices=lambda: splices)
+    return Kind(f"labels.{name}", seeds, alone(_import_labels), 4.5, splices=lambda: splices)
 
 
 def _change_patches(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
@@ -120,9 +122,8 @@ def _change_patches(files: Files, rng: Random, others: Sequence[bytes]) -> Files
     return changed
 
 
-def _import_labels(folder: Path) -> object:
+def _import_labels(path: Path) -> object:
     """What `tokt labels import` does, up to the store."""
-    (path,) = folder.iterdir()
     options = ReadOptions(Taxonomy.load(), images=_images())
     kind = format_to_read(path)
     if kind == IFDO:
@@ -130,7 +131,7 @@ def _import_labels(folder: Path) -> object:
     read = FORMATS[kind].read(path, options)
     for line in read.lost:
         assert not line_fault(line), line_fault(line)
-    with LabelStore(folder / "labels.db") as store:
+    with LabelStore(path.with_name("labels.db")) as store:
         return store.add_counted(read.records)
 
 
@@ -140,9 +141,10 @@ def _import_labels(folder: Path) -> object:
 @cache
 def _store_files() -> list[Files]:
     with tempfile.TemporaryDirectory() as folder:
-        with LabelStore(Path(folder) / "labels.db") as store:
+        path = Path(folder) / "labels.db"
+        with LabelStore(path) as store:
             store.add(_records())
-        return [{"labels.db": (Path(folder) / "labels.db").read_bytes()}]
+        return [{path.name: path.read_bytes()}]
 
 
 def _change_database(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
@@ -154,8 +156,8 @@ def _change_database(files: Files, rng: Random, others: Sequence[bytes]) -> File
     return {"labels.db": bytes(data[: rng.randrange(len(data))] if chance(rng, 20) else data)}
 
 
-def _read_database(folder: Path) -> object:
-    with LabelStore(folder / "labels.db", create=False) as store:
+def _read_database(path: Path) -> object:
+    with LabelStore(path, create=False) as store:
         found = [*store.current(), *store.settled(), *store.stats(), *store.missions()]
         store.add(_records())
         return found
@@ -164,29 +166,17 @@ def _read_database(folder: Path) -> object:
 # --- taxonomy, audit ---
 
 
-_TABLES = (b"[[classes]]\n", b"a.b.c = {}\n")
-
-
-def _taxonomy_toml() -> list[Files]:
-    return [{"taxonomy.toml": _TAXONOMY.read_bytes()}]
-
-
-def _read_taxonomy(folder: Path) -> object:
-    return Taxonomy.load(folder / "taxonomy.toml")
-
-
-def _taxonomy_json() -> list[Files]:
-    return [{"t.json": json.dumps(Taxonomy.load().to_json()).encode()}]
+_TAXONOMY_JSON = sound("t.json", json.dumps(Taxonomy.load().to_json()))
 
 
 def _change_taxonomy(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
     return {"t.json": changed_text(json.loads(files["t.json"]), rng)}
 
 
-def _read_taxonomy_json(folder: Path) -> object:
+def _read_taxonomy(path: Path) -> object:
     """As a dataset version embeds it; what is no JSON never gets there."""
     try:
-        value = json.loads((folder / "t.json").read_bytes())
+        value = json.loads(path.read_bytes())
     except (ValueError, RecursionError):
         return None
     return Taxonomy.from_json(value)
@@ -202,9 +192,15 @@ def _audits() -> list[Files]:
 
 KINDS = [
     *map(_labels, _FOREIGN),
-    Kind("labels.patches", lambda: [written("patches")], _import_labels, 4, change=_change_patches),
-    Kind("labels.store", _store_files, _read_database, 2, change=_change_database),
-    Kind("taxonomy.toml", _taxonomy_toml, _read_taxonomy, 8, splices=lambda: _TABLES),
-    Kind("taxonomy.json", _taxonomy_json, _read_taxonomy_json, 4, change=_change_taxonomy),
+    Kind(
+        "labels.patches",
+        lambda: [written("patches")],
+        alone(_import_labels),
+        4,
+        change=_change_patches,
+    ),
+    Kind("labels.store", _store_files, alone(_read_database), 2, change=_change_database),
+    Kind("taxonomy.toml", _TAXONOMY, alone(Taxonomy.load), 8, splices=lambda: _TABLES),
+    Kind("taxonomy.json", _TAXONOMY_JSON, alone(_read_taxonomy), 4, change=_change_taxonomy),
     Kind("audit", _audits, lambda at: read_audit(at / "audits" / "a.json"), 6),
 ]

@@ -34,7 +34,7 @@ from tokt.inference.sources.video.mpegts import TransportReader
 from tokt.inference.sources.video.newest import StreamLostError
 from tokt.inference.verdict import unknown_verdict, verdict_from_mask
 
-from .case import Files, Kind, change_one
+from .case import Files, Kind, alone, change_one, sound
 from .changes import chance, text_of
 from .containers import changed_png, some_picture
 
@@ -68,10 +68,9 @@ def _datagrams() -> list[Files]:
     return [{"datagram": data} for data in made]
 
 
-def _read_datagram(folder: Path) -> object:
+def _read_datagram(path: Path) -> object:
     """Decode and show it as `tokt listen --json` does."""
-    data = (folder / "datagram").read_bytes()[:_MAX_DATAGRAM]
-    return json.dumps(decode(data), allow_nan=False)
+    return json.dumps(decode(path.read_bytes()[:_MAX_DATAGRAM]), allow_nan=False)
 
 
 # --- what a link hears ---
@@ -102,9 +101,9 @@ $YXXDR,D,31.42,M,DEPTH*1C
 """
 
 
-def _read_link(folder: Path) -> object:
+def _read_link(path: Path) -> object:
     """What comes, in pieces and at once, by whoever may be at the other end."""
-    data, state = (folder / "link").read_bytes(), VehicleState(SYSTEM_CLOCK)
+    data, state = path.read_bytes(), VehicleState(SYSTEM_CLOCK)
     for whole in (False, True):
         readers = MavlinkReader((1, 196), whole, state, list), NmeaReader(state, True, whole)
         for at in range(0, len(data), 37 if whole else 300):
@@ -147,8 +146,7 @@ def _lines_of(*values: Any) -> bytes:
 
 @cache
 def _logs() -> list[Files]:
-    log = {"run.events.jsonl": _lines_of(*_events()), "run.jsonl": _lines_of(*_lines())}
-    return [log]
+    return [{"run.events.jsonl": _lines_of(*_events()), "run.jsonl": _lines_of(*_lines())}]
 
 
 @cache
@@ -162,17 +160,21 @@ def _recordings() -> list[Files]:
     return [{f"run/{FILE_NAME}": _lines_of(head, start, *frames[:2], model, frames[2])}]
 
 
+def _log_in(folder: Path) -> Path:
+    recording = folder / "run"
+    return recording if recording.is_dir() else folder / "run.jsonl"
+
+
 def _read_run(folder: Path) -> object:
     """What `tokt replay` reads before it judges anything."""
-    recording = folder / "run"
-    return list(open_run(recording if recording.is_dir() else folder / "run.jsonl").frames())
+    return list(open_run(_log_in(folder)).frames())
 
 
 def _export_run(folder: Path) -> object:
     """What `tokt replay --export` writes, read back by no one."""
-    recording = folder / "run"
-    log = recording if recording.is_dir() else folder / "run.jsonl"
-    done = [export_log(log, folder / f"exported{ending}") for ending in (".csv", ".mcap")]
+    done = [
+        export_log(_log_in(folder), folder / f"exported{ending}") for ending in (".csv", ".mcap")
+    ]
     assert done[0].frames == done[1].frames
     return done
 
@@ -191,8 +193,8 @@ def _shadow_logs() -> list[Files]:
     return [{"shadow.jsonl": _lines_of(start, *frames, end)}]
 
 
-def _read_shadow(folder: Path) -> object:
-    return json.dumps(read_shadow(folder / "shadow.jsonl").to_json(), allow_nan=False)
+def _read_shadow(path: Path) -> object:
+    return json.dumps(read_shadow(path).to_json(), allow_nan=False)
 
 
 # --- pictures of a mission or a camera ---
@@ -211,8 +213,7 @@ def _change_picture(files: Files, rng: Random, others: Sequence[bytes]) -> Files
     return change_one(files, rng, others)
 
 
-def _read_picture(folder: Path) -> object:
-    (path,) = folder.iterdir()
+def _read_picture(path: Path) -> object:
     picture = read_image(path)
     assert picture.dtype == np.uint8 and picture.ndim in (2, 3) and picture.size
     return picture
@@ -227,13 +228,12 @@ def _mpegts() -> list[Files]:
     return [{"video": b"".join(packet.data for packet in packets)}]
 
 
-def _read_mpegts(folder: Path) -> None:
+def _read_mpegts(path: Path) -> object:
     """As datagrams of seven packets; bytes that came in between shift them."""
-    data, reader = (folder / "video").read_bytes(), TransportReader()
+    data, reader = path.read_bytes(), TransportReader()
+    starts = range(0, len(data), 1316)
     try:
-        return [
-            reader.datagram(data[at : at + 1316], at * 1e-7) for at in range(0, len(data), 1316)
-        ]
+        return [reader.datagram(data[at : at + 1316], at * 1e-7) for at in starts]
     except StreamLostError as error:
         raise ToktError(str(error)) from None
 
@@ -246,21 +246,21 @@ def _multipart() -> list[Files]:
     return [{"video": b"".join(parts) * 3 + b"--b--\r\n"}]
 
 
-def _read_multipart(folder: Path) -> object:
-    data, parts = (folder / "video").read_bytes(), Parts("b")
+def _read_multipart(path: Path) -> object:
+    data, parts = path.read_bytes(), Parts("b")
     return [parts.feed(data[at : at + 300]) for at in range(0, len(data), 300)]
 
 
 KINDS = [
-    Kind("video.mpegts", _mpegts, _read_mpegts, 2),
-    Kind("video.multipart", _multipart, _read_multipart, 4),
-    Kind("datagram", _datagrams, _read_datagram, 29),
-    Kind("link.mavlink", _mavlink, _read_link, 6),
-    Kind("link.nmea", lambda: [{"link": _NMEA}], _read_link, 4),
+    Kind("video.mpegts", _mpegts, alone(_read_mpegts), 2),
+    Kind("video.multipart", _multipart, alone(_read_multipart), 4),
+    Kind("datagram", _datagrams, alone(_read_datagram), 29),
+    Kind("link.mavlink", _mavlink, alone(_read_link), 6),
+    Kind("link.nmea", sound("link", _NMEA), alone(_read_link), 4),
     Kind("run log", _logs, _read_run, 18),
     Kind("recording", _recordings, _read_run, 9),
     Kind("exported log", _logs, _export_run, 9),
     Kind("exported recording", _recordings, _export_run, 4),
-    Kind("shadow log", _shadow_logs, _read_shadow, 9),
-    Kind("picture", _pictures, _read_picture, 19, change=_change_picture),
+    Kind("shadow log", _shadow_logs, alone(_read_shadow), 9),
+    Kind("picture", _pictures, alone(_read_picture), 19, change=_change_picture),
 ]

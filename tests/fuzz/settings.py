@@ -17,17 +17,16 @@ from tokt.inference.stereo.calibration import check_calibration
 from tokt.inference.stereo.odometry import load_odometry
 from tokt.inference.stereo.rectify import Rectifier
 from tokt.training.calibration.any_form import describe_calibration_file
+from tokt.training.calibration.matlab_file import read_matlab_numbers
 from tokt.training.datasets.mission_list import named_missions
 from tokt.training.search.space import BUILT_IN, read_space
 
 from .bundles import specs
-from .case import Files, Kind
+from .case import Files, Kind, alone, sound
 
-_POSES = "\n".join(
-    ["frame,t,x_m,y_m,z_m,qw,qx,qy,qz"]
-    + [f"{n},{n / 2},{n},0.5,-1e-3,1,0,0,0" for n in range(6)]
-    + ["9,4.5,0,0,0,0.5,0.5,0.5,0.5", ""]
-).encode()
+_POSES = [f"{n},{n / 2},{n},0.5,-1e-3,1,0,0,0\n" for n in range(6)]
+_HEAD, _LAST = "frame,t,x_m,y_m,z_m,qw,qx,qy,qz\n", "9,4.5,0,0,0,0.5,0.5,0.5,0.5\n"
+_ODOMETRY = sound("o.csv", "".join([_HEAD, *_POSES, _LAST]))
 
 
 @cache
@@ -47,13 +46,9 @@ def _opencv_forms() -> list[Files]:
     return forms
 
 
-def _bouguet_texts() -> list[Files]:
-    text = f"{BOUGUET_SCREEN}nx = 640; ny = 480;\n"
-    return [{"c.txt": text.encode(encoding)} for encoding in ("utf-8", "cp1252")]
-
-
-def _printed() -> list[Files]:
-    return [{"c.json": json.dumps({**THESIS, "image_width": 1360, "image_height": 1024}).encode()}]
+_BOUGUET = f"{BOUGUET_SCREEN}nx = 640; ny = 480;\n"
+_BOUGUETS = sound("c.txt", _BOUGUET.encode("utf-8"), _BOUGUET.encode("cp1252"))
+_PRINTED = sound("c.json", json.dumps({**THESIS, "image_width": 1360, "image_height": 1024}))
 
 
 @cache
@@ -68,9 +63,8 @@ def _matlab_forms() -> list[Files]:
     return forms
 
 
-def _read_rig(folder: Path) -> Rectifier:
+def _read_rig(path: Path) -> Rectifier:
     """Read a calibration and work out from it what the runtime does once."""
-    (path,) = folder.iterdir()
     return Rectifier(describe_calibration_file(path).usable())
 
 
@@ -78,15 +72,9 @@ def _opencv_texts() -> list[bytes]:
     return [data for form in _opencv_forms() for data in form.values()]
 
 
-def _read_odometry(folder: Path) -> object:
-    return load_odometry(folder / "o.csv")
-
-
-def _read_matlab(folder: Path) -> object:
+def _read_matlab(path: Path) -> object:
     """scipy reads it, in a process of its own."""
-    from tokt.training.calibration.matlab_file import read_matlab_numbers
-
-    return check_calibration(read_matlab_numbers(folder / "c.mat")).usable()
+    return check_calibration(read_matlab_numbers(path)).usable()
 
 
 # --- the space of a search, an extractor's spec in a file ---
@@ -117,25 +105,28 @@ def _spaces() -> list[Files]:
     return [{"space.toml": own, "mine.json": mine}, {"space.toml": built_in}]
 
 
-def _read_search_space(folder: Path) -> object:
-    return asdict(read_space(folder / "space.toml"))
-
-
-def _read_spec(folder: Path) -> object:
-    found = extractor_named(f"spec:{folder / 'spec.json'}")
+def _read_spec(path: Path) -> object:
+    found = extractor_named(f"spec:{path}")
     assert len(found.names) == found.dim
     return found.spec
 
 
-# --- a list of missions ---
-
-
-def _mission_lists() -> list[Files]:
-    text = (
-        '# dives\n[[mission]]\nname = "a"\ndir = "a"\nlabels = ["l.csv", "m.csv"]\nsite = "fjord"\n'
-    )
-    text += '[[mission]]\nname = "b"\ndir = "b"\nlabels = "n.csv"\ncameras = ["left", "right"]\n'
-    return [{"missions.toml": f"{text}date = 2016-04-20\n".encode()}]
+_MISSIONS = sound(
+    "missions.toml",
+    """# dives
+[[mission]]
+name = "a"
+dir = "a"
+labels = ["l.csv", "m.csv"]
+site = "fjord"
+[[mission]]
+name = "b"
+dir = "b"
+labels = "n.csv"
+cameras = ["left", "right"]
+date = 2016-04-20
+""",
+)
 
 
 def _read_missions(folder: Path) -> object:
@@ -144,12 +135,12 @@ def _read_missions(folder: Path) -> object:
 
 
 KINDS = [
-    Kind("calibration.opencv", _opencv_forms, _read_rig, 18),
-    Kind("calibration.bouguet", _bouguet_texts, _read_rig, 7, splices=_opencv_texts),
-    Kind("calibration.printed", _printed, _read_rig, 7, splices=_opencv_texts),
-    Kind("calibration.mat", _matlab_forms, _read_matlab, 0.2, few=1),
-    Kind("odometry", lambda: [{"o.csv": _POSES}], _read_odometry, 7, splices=_opencv_texts),
-    Kind("search space", _spaces, _read_search_space, 8),
-    Kind("extractor spec", _spec_files, _read_spec, 8),
-    Kind("missions.toml", _mission_lists, _read_missions, 8),
+    Kind("calibration.opencv", _opencv_forms, alone(_read_rig), 18),
+    Kind("calibration.bouguet", _BOUGUETS, alone(_read_rig), 7, splices=_opencv_texts),
+    Kind("calibration.printed", _PRINTED, alone(_read_rig), 7, splices=_opencv_texts),
+    Kind("calibration.mat", _matlab_forms, alone(_read_matlab), 0.2, few=1),
+    Kind("odometry", _ODOMETRY, alone(load_odometry), 7, splices=_opencv_texts),
+    Kind("search space", _spaces, lambda at: asdict(read_space(at / "space.toml")), 8),
+    Kind("extractor spec", _spec_files, alone(_read_spec), 8),
+    Kind("missions.toml", _MISSIONS, _read_missions, 8),
 ]

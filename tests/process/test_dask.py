@@ -4,12 +4,11 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, suppress
 from functools import partial
 
 import numpy as np
@@ -17,7 +16,7 @@ import pytest
 from distributed import Client
 
 from tests.calls import free_port, succeeds
-from tests.waiting import MAX_S
+from tests.waiting import MAX_S, until
 from tokt.cli.output import progress
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import DEFAULT_GRID
@@ -43,47 +42,35 @@ worse = "lbp_10_5_frame"
 """
 
 
-@contextmanager
-def _running(folder, name, *arguments):
-    """A dask program, killed at the end; its log is ``NAME.log``."""
-    command = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
-    environment = {**os.environ, "DASK_TEMPORARY_DIRECTORY": str(folder)}
-    with (folder / f"{name}.log").open("wb") as log:
-        process = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
-        try:
-            yield process
-        finally:
-            process.kill()
-            process.wait(MAX_S)
-
-
 class Cluster:
-    """A scheduler with two workers of one thread."""
+    """A scheduler with two workers of one thread, killed at the end."""
 
     def __init__(self, folder, stack):
         self._folder, self._stack = folder, stack
-        port = free_port()
-        self.address = f"tcp://127.0.0.1:{port}"
+        self.address = f"tcp://127.0.0.1:{(port := free_port())}"
         self._start("scheduler", "scheduler", "--port", str(port))
         options = ("--nthreads", "1", "--no-nanny", "--memory-limit", "1GB")
         join = ("worker", self.address, *options)
         self.workers = [self._start(name, *join) for name in ("one", "two")]
-        self._wait()
+        until(self._complete, lambda: [log.read_text() for log in folder.glob("*.log")])
 
     def _start(self, name, *arguments):
-        return self._stack.enter_context(_running(self._folder, name, *arguments))
+        """A dask program; its log is ``NAME.log``."""
+        command = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1"]
+        where = {"env": {**os.environ, "DASK_TEMPORARY_DIRECTORY": str(self._folder)}}
+        where["cwd"] = self._folder
+        with (self._folder / f"{name}.log").open("wb") as log:
+            process = subprocess.Popen(
+                [*command, "--no-dashboard"], stdout=log, stderr=log, **where
+            )
+        self._stack.enter_context(process)
+        self._stack.callback(process.kill)
+        return process
 
-    def _wait(self):
-        """Until all workers have joined."""
-        deadline = time.monotonic() + MAX_S
-        while True:
-            try:
-                with Client(self.address, timeout=2, set_as_default=False) as client:
-                    client.wait_for_workers(len(self.workers), timeout=MAX_S)
-                return
-            except OSError:
-                logs = sorted(self._folder.glob("*.log"))
-                assert time.monotonic() < deadline, "\n".join(log.read_text() for log in logs)
+    def _complete(self):
+        with suppress(OSError), Client(self.address, timeout=2, set_as_default=False) as client:
+            client.wait_for_workers(len(self.workers), timeout=MAX_S)
+            return True
 
 
 @pytest.fixture(scope="module")
@@ -144,11 +131,9 @@ def test_features_are_the_same_when_a_worker_dies_at_its_work(
 def test_no_scheduler_is_one_line_within_seconds(fresh, tmp_path, run_tokt, command):
     (tmp_path / "space.toml").write_text(SPACE)
     options = {"train": ("--extractor", "lbp"), "search": ("--space", tmp_path / "space.toml")}
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-        asked = ("--dask", address, "--folds", 3, "--embargo", 1, "--workspace", fresh)
-        ran = run_tokt(command, "tiny", *options[command], *asked)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    asked = ("--dask", address, "--folds", 3, "--embargo", 1, "--workspace", fresh)
+    ran = run_tokt(command, "tiny", *options[command], *asked)
     assert ran.code == 2 and ran.out == ""
     errors = [line for line in ran.err.splitlines() if "error" in line]
     assert len(errors) == 1

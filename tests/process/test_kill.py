@@ -4,17 +4,16 @@ A host process imports everything once and forks a child for each command, so th
 into the work and not into a second of imports.
 """
 
-import json
 import os
 import random
 import shutil
 import signal
-import subprocess
-import sys
 import time
+from contextlib import closing
 
 import pytest
 
+from tests.forking import ForkHost
 from tests.waiting import MAX_S
 from tokt.features.frames.grid import Grid
 from tokt.labels.formats.label_csv import read_label_csv
@@ -33,66 +32,43 @@ TRIALS = 3
 
 NEW_REGISTRY = "new registry"
 """What no command does alone: makes one in the folder that follows."""
-HOST = f"""
-NEW_REGISTRY = {NEW_REGISTRY!r}
-import json, os, sys
+PROGRAM = f"""
+import os, sys
 from pathlib import Path
 from tokt.cli import main
 from tokt.models.registry.registry import Registry
-print("ready", flush=True)
-for line in sys.stdin:
-    child = os.fork()
-    if not child:
-        log = os.open(os.environ["LOG"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        os.dup2(log, 1), os.dup2(log, 2)
-        words = json.loads(line)
-        try:
-            if words[0] == NEW_REGISTRY:
-                Registry(Path(words[1]), create=True)
-                os._exit(0)
-            sys.argv = ["tokt", *words]
-            main()
-        except SystemExit as ended:
-            sys.stdout.flush()
-            os._exit(ended.code or 0)
-        finally:
-            os._exit(99)
-    print(child, flush=True)
-    sys.stdin.readline()  # until then the child's id stays its own, even if it has ended
-    print(os.waitpid(child, 0)[1], flush=True)
+try:
+    main() if sys.argv[1] != {NEW_REGISTRY!r} else Registry(Path(sys.argv[2]), create=True)
+except SystemExit as ended:
+    sys.stderr.flush()
+    os._exit(ended.code or 0)
+os._exit(0)
 """
+"""Ends at once, so that no kill falls into what Python does at its end."""
 
 
-class Host:
+class Commands(ForkHost):
     """Runs commands in forked children, and kills them where asked."""
-
-    def __init__(self, process, log):
-        self._process = process
-        self.log = log
 
     def run(self, *command, kill_after_s=None, begun=lambda: True):
         """Exit code, or minus the signal that ended it: so long after `begun` became true."""
-        print(json.dumps([str(part) for part in command]), file=self._process.stdin, flush=True)
-        child = int(self._process.stdout.readline())
+        child = self.start(*command)
         if kill_after_s is not None:
             give_up = time.monotonic() + MAX_S
             while not begun() and time.monotonic() < give_up:
                 time.sleep(0.0002)
             time.sleep(kill_after_s)
-            os.kill(child, signal.SIGKILL)
-        print("reap", file=self._process.stdin, flush=True)
-        return os.waitstatus_to_exitcode(int(self._process.stdout.readline()))
+            child.kill()
+        with child.stdout, child.stderr:
+            code = child.wait(MAX_S)
+            assert code in (0, -signal.SIGKILL), child.stderr.read()
+        return code
 
 
 @pytest.fixture(scope="module")
-def host(tmp_path_factory, preload):
-    log = tmp_path_factory.mktemp("host") / "log"
-    command, environment = [sys.executable, "-c", preload + HOST], {**os.environ, "LOG": str(log)}
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, env=environment, **pipes) as process:
-        assert process.stdout.readline() == "ready\n"
-        yield Host(process, log)
-        process.stdin.close()
+def host(preload):
+    with closing(Commands(preload, PROGRAM)) as made:
+        yield made
 
 
 def moments(rng, duration_s, trials):
@@ -119,7 +95,7 @@ def kill_until_hit(host, command, sound, rng, duration_s, trials=TRIALS, hits=1)
 def took_s(host, *command):
     """Seconds that a command takes to its good end."""
     begun = time.monotonic()
-    assert host.run(*command) == 0, host.log.read_text()
+    assert host.run(*command) == 0
     return time.monotonic() - begun
 
 
@@ -127,7 +103,7 @@ def kill_often(host, command, sound, trials=TRIALS):
     """Run once whole for its duration, then kill it at seeded moments, then run it whole again."""
     duration_s = took_s(host, *command)
     kill_until_hit(host, command, sound, random.Random(1), duration_s, trials)
-    assert host.run(*command) == 0, host.log.read_text()
+    assert host.run(*command) == 0
     sound()
 
 
@@ -164,7 +140,7 @@ def test_dataset_build(host, workspace, tiny):
     named = (*command, "--block", 3, "--workspace", workspace)
     duration_s = took_s(host, *named[:2], "timing", *named[3:])
     kill_until_hit(host, named, sound, random.Random(3), duration_s)
-    assert host.run(*named) == 0, host.log.read_text()
+    assert host.run(*named) == 0
     sound()
     assert len(seen) == 3  # tiny with both block sizes, and the one for timing
 

@@ -1,24 +1,20 @@
 """A real MLflow server, and PostgreSQL alone, give what the workspace's file gives."""
 
 import json
-import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
-import urllib.error
-import urllib.request
 import zipfile
-from contextlib import suppress
 
 import mlflow
 import pytest
 
-from tests.calls import call_tokt, free_port, refused, succeeds
+from tests.calls import call_tokt, refused, succeeds
 from tests.fixtures import TRAIN_TINY, draw_tiny_frame
+from tests.models.registry.serving import mlflow_serves
 from tests.process.postgres import PASSWORD, create_database, postgres
-from tests.waiting import MAX_S, until
+from tests.waiting import MAX_S
 from tokt.models.registry.registry import Registry
 
 pytestmark = pytest.mark.xdist_group("registry")  # `tiny_bundle` is there already
@@ -34,44 +30,13 @@ def database():
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    """The address of an ``mlflow server``, artifacts proxied, on a free loopback port."""
+    """The address of an ``mlflow server``, artifacts proxied."""
     folder = tmp_path_factory.mktemp("server")
-    backend = f"sqlite:///{folder / 'server.db'}"
-    port = free_port()
-    command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
-    command += ["--port", str(port), "--workers", "1"]
-    command += ["--backend-store-uri", backend]
-    command += ["--artifacts-destination", str(folder / "artifacts")]
-    quiet = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_DISABLE_TELEMETRY": "true"}
-    environment = {**os.environ, **quiet}
-    with (folder / "log").open("wb") as log:
-        process = subprocess.Popen(
-            command, env=environment, cwd=folder, stdout=log, stderr=log, start_new_session=True
-        )
-        try:
-            _wait_for(f"http://127.0.0.1:{port}/health", process, folder / "log")
-            yield f"http://127.0.0.1:{port}"
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGTERM)  # it and its worker, of this session only
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait(10)
-
-
-def _wait_for(url, process, log):
-    def answers():
-        assert process.poll() is None, log.read_text()
-        with (
-            suppress(urllib.error.URLError, ConnectionError, TimeoutError),
-            urllib.request.urlopen(url, timeout=2) as answer,
-        ):
-            return bool(answer.status == 200)
-        return False
-
-    until(answers, log.read_text)
+    places = ("--backend-store-uri", f"sqlite:///{folder / 'server.db'}")
+    places += ("--artifacts-destination", folder / "artifacts")
+    quiet = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
+    with mlflow_serves(folder, "/health", "server", "--workers", 1, *places, **quiet) as url:
+        yield url
 
 
 def _without_ids(bundle):

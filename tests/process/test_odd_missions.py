@@ -26,11 +26,10 @@ FRAMES = 6
 SIDES = ("Left", "Right")
 
 
-def texture(n, height=108, width=144):
+def texture(n):
     """Coarse noise, a little further on in each frame."""
-    rng = np.random.default_rng(5)
-    coarse = rng.normal(110, 40, (height // 9 + 1, width // 9 + 4)).repeat(9, 0).repeat(9, 1)
-    return coarse[:height, n : n + width].clip(0, 255).astype(np.uint8)
+    coarse = np.random.default_rng(5).normal(110, 40, (12, 20)).repeat(9, 0).repeat(9, 1)
+    return coarse[:, n : n + 144].clip(0, 255).astype(np.uint8)
 
 
 def of(picture, frames=FRAMES, sides=SIDES):
@@ -49,19 +48,8 @@ def of(picture, frames=FRAMES, sides=SIDES):
 
 
 def noise(height, width):
-    def picture(frame, side):
-        rng = np.random.default_rng([frame, SIDES.index(side)])
-        return rng.integers(0, 255, (height, width), np.uint8)
-
-    return picture
-
-
-def two_sizes(frame, side):
-    return texture(frame, 108 if frame % 2 else 54, 144 if frame % 2 else 72)
-
-
-def two_kinds(frame, side):
-    return texture(frame) if side == "Left" else np.dstack([texture(frame)] * 3)
+    rng = np.random.default_rng(5)
+    return lambda frame, side: rng.integers(0, 255, (height, width), np.uint8)
 
 
 def one_bad_file(folder):
@@ -82,8 +70,10 @@ MISSIONS = {
     "3000x1 pixels": of(noise(1, 3000), frames=2),
     "4000x3000 pixels": of(lambda frame, side: cv2.resize(texture(frame), (4000, 3000)), frames=1),
     "left and right alike": of(lambda frame, side: texture(frame)),
-    "two sizes": of(two_sizes),
-    "left gray, right colour": of(two_kinds),
+    "two sizes": of(lambda frame, side: texture(frame)[:: 1 + frame % 2, :: 1 + frame % 2]),
+    "left gray, right colour": of(
+        lambda frame, side: texture(frame) if side == "Left" else np.dstack([texture(frame)] * 3)
+    ),
     "sixteen bits": of(lambda frame, side: texture(frame).astype(np.uint16) * 257),
     "with transparency": of(lambda frame, side: np.dstack([texture(frame)] * 4)),
     "no pictures": of(lambda frame, side: b"this is no picture"),
@@ -96,7 +86,11 @@ HOLDS_NOTHING = {"no folders", "empty folders", "a text file", "right camera onl
 """Where what takes minutes of a mission, `reproduce` and `bench`, must refuse at once."""
 LABELS = ("labels", "ocean", "unsure", "none", "others")
 """Label files: sound, of one class, of none, without a row, of frames that are not there."""
-POINTS = {"coralnet": "c.csv", "biigle": "b.csv", "cvat": "c.xml", "ifdo": "i.json"}
+FORMATS = {
+    **{"viame": "viame.csv", "coco": "coco.json", "labelstudio": "studio.json", "patches": "cut"},
+    **{"coralnet": "c.csv", "biigle": "b.csv", "cvat": "c.xml", "ifdo": "i.json"},
+}
+"""Formats that need the mission, and a file for each."""
 RUN = "run --source MISSION --udp 127.0.0.1:9 --format v2 --policy"
 SPLIT = "--folds 2 --embargo 1 --jobs 1"
 COMMANDS = (
@@ -107,23 +101,12 @@ COMMANDS = (
     "depth MISSION --calibration rig.yml --stereo sgbm --scale 1 --pictures 1 --json",
     "labels import labels.csv",
     "labels export all.csv --full",
-    "labels export viame.csv --format viame --mission-dir MISSION",
-    "labels export coco.json --format coco --mission-dir MISSION",
-    "labels export studio.json --format labelstudio --mission-dir MISSION",
-    *(
-        f"labels export {file} --format {name} --mission-dir MISSION"
-        for name, file in POINTS.items()
-    ),
-    "labels export cut --format patches --mission-dir MISSION",
+    *(f"labels export {FORMATS[name]} --format {name} --mission-dir MISSION" for name in FORMATS),
     *(f"labels import {name}.csv" for name in LABELS),
     "labels stats",
     "labels agreement labels ocean",
     "labels agreement none.csv others.csv",
-    "labels import viame.csv --mission-dir MISSION --workspace again",
-    "labels import coco.json --mission-dir MISSION --workspace again",
-    "labels import studio.json --mission-dir MISSION --workspace again",
-    *(f"labels import {file} --mission-dir MISSION --workspace again" for file in POINTS.values()),
-    "labels import cut --mission-dir MISSION --workspace again",
+    *(f"labels import {path} --mission-dir MISSION --workspace again" for path in FORMATS.values()),
     *(f"dataset build {name} --mission MISSION --labels {name}.csv --block 1" for name in LABELS),
     "dataset build drawn --mission MISSION",
     "dataset build folder --patches MISSION",

@@ -5,6 +5,7 @@ import json
 import shutil
 import sqlite3
 import zipfile
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +97,8 @@ def test_its_runs_are_judged_again(old, source):
     succeeds("replay", "run.jsonl" if source else recording, "--store", "store", *source)
 
 
-def newer_json(path, key, line=-1):
+def newer_json(pattern, key, line):
+    (path,) = Path().glob(pattern)
     texts = path.read_text().splitlines() if path.suffix == ".jsonl" else [path.read_text()]
     value = json.loads(texts[line])
     value[key] += 90
@@ -104,40 +106,30 @@ def newer_json(path, key, line=-1):
     path.write_text("\n".join(texts) + "\n")
 
 
-def newer_labels(path):
-    with sqlite3.connect(path) as connection:
+def newer_labels(path, *_):
+    with closing(sqlite3.connect(path)) as connection:
         connection.execute("PRAGMA user_version = 90")
-    connection.close()
 
 
 @pytest.mark.parametrize(
-    ("change", "command"),
+    ("change", "path", "key", "line", "command"),
     [
-        (lambda: newer_json(Path("store/history.jsonl"), "format_version"), "store store"),
+        (newer_json, "store/history.jsonl", "format_version", -1, "store store"),
+        (newer_json, "store/keys.json", "format_version", -1, "deploy tower-2.tokt store"),
         (
-            lambda: newer_json(Path("store/keys.json"), "format_version"),
-            "deploy tower-2.tokt store",
-        ),
-        (
-            lambda: newer_json(
-                next(Path("work/datasets/tower").glob("*/dataset.json")), "format_version"
-            ),
+            *(newer_json, "work/datasets/tower/*/dataset.json", "format_version", -1),
             "train tower --extractor lbp --workspace work",
         ),
-        (lambda: newer_labels(Path("work/labels.db")), "labels stats --workspace work"),
+        (newer_labels, "work/labels.db", "", 0, "labels stats --workspace work"),
+        (newer_json, "rec/*/recording.jsonl", "recording", 0, "replay rec/RUN --store store"),
         (
-            lambda: newer_json(next(Path("rec").glob("*/recording.jsonl")), "recording", 0),
-            "replay rec/RUN --store store",
-        ),
-        (
-            lambda: newer_json(Path("run.events.jsonl"), "format_version", 0),
+            *(newer_json, "run.events.jsonl", "format_version", 0),
             "replay run.jsonl --source dive --store store",
         ),
     ],
     ids=["history", "keys", "dataset", "labels", "recording", "log"],
 )
-def test_what_a_newer_tokt_wrote_is_refused_in_words(old, change, command):
-    change()
+def test_what_a_newer_tokt_wrote_is_refused_in_words(old, change, path, key, line, command):
+    change(path, key, line)
     words = command.replace("RUN", next(Path("rec").glob("run-*")).name).split()
-    said = refused("newer", *words)
-    assert "update tokt" in said
+    assert "update tokt" in refused("newer", *words)

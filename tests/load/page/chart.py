@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tests.load.effort.effort import LabellingEffort
-from tests.load.report import Timing
+from tests.load.report import Timing, machine_words
 from tokt.training.evaluation.pictures import figure_png
 
 _KEPT, _MISSED, _WITHOUT, _ASKED = "#3b75af", "#c44e52", "#a0a0a0", "#dd8452"
@@ -32,26 +32,20 @@ def label_chart_png(times, efforts, about) -> bytes:
         panel.invert_yaxis()
         panel.grid(axis="x", alpha=0.3)
         panel.spines[["top", "right"]].set_visible(False)
-    computer = about["machine"]
-    figure.suptitle(
-        f"tokt label on mission {about['mission']}\n{about['browser']}; {computer['cpu']}, "
-        f"{computer['cores']} core(s)",
-        fontsize=10,
-    )
+    words = f"tokt label on mission {about['mission']}\n{about['browser']}; {machine_words(about)}"
+    figure.suptitle(words, fontsize=10)
     return figure_png(figure, _DPI)
 
 
 def _draw_times(axes: Any, times: Sequence[Timing], rows: Any) -> None:
     """A bar from the median to the judged percentile, and a mark for what is asked."""
     judged = [time.at(time.percentile) for time in times]
-    asked = np.array([time.asked_ms for time in times], float)  # nan where nothing is
     axes.barh(rows, judged, 0.6, color=[_MISSED if t.holds is False else _KEPT for t in times])
     axes.plot([time.at(50) for time in times], rows, "|", color="white", ms=12)
-    axes.plot(asked, rows, "D", color=_ASKED, ms=6)
-    ends = axes.barh(rows, np.fmax(judged, asked), alpha=0)
-    axes.bar_label(ends, [f"{time_ms:.3g} ms" for time_ms in judged], padding=8)
+    words = [f"{time_ms:.3g} ms" for time_ms in judged]
+    longest = _mark_asked(axes, rows, [time.asked_ms for time in times], judged, words)
     axes.set_xscale("log")
-    axes.set_xlim(1, max(*judged, np.nanmax(asked, initial=0)) * _ROOM)
+    axes.set_xlim(1, longest * _ROOM)
     axes.set_xlabel("ms (bar: the percentile that is judged; white: median; diamond: asked)")
     axes.set_yticks(rows, [time.name for time in times])
     axes.set_title("waiting", loc="left", fontsize=10)
@@ -59,17 +53,22 @@ def _draw_times(axes: Any, times: Sequence[Timing], rows: Any) -> None:
 
 def _draw_efforts(axes: Any, efforts: Sequence[LabellingEffort], rows: Any) -> None:
     """Two bars a stretch: actions without suggestions and with, and a mark for what is asked."""
-    without = [each.without for each in efforts]
-    with_model = [each.with_model for each in efforts]
-    asked = np.array([each.asked for each in efforts], float)  # nan where nothing is
+    counts = np.array([(each.without, each.with_model) for each in efforts]).T
     colors = [_MISSED if each.holds is False or each.wrong else _KEPT for each in efforts]
-    axes.barh(rows - 0.2, without, 0.36, color=_WITHOUT)
-    axes.barh(rows + 0.2, with_model, 0.36, color=colors)
-    axes.plot(asked, rows + 0.2, "D", color=_ASKED, ms=6)
-    ends = axes.barh(rows, np.fmax(np.fmax(without, with_model), asked), alpha=0)
+    axes.barh(rows - 0.2, counts[0], 0.36, color=_WITHOUT)
+    axes.barh(rows + 0.2, counts[1], 0.36, color=colors)
     words = [f"{e.with_model}" + (", LABELS DIFFER" if e.wrong else "") for e in efforts]
-    axes.bar_label(ends, words, padding=8)
-    axes.set_xlim(0, 1.25 * max(*without, *with_model, np.nanmax(asked, initial=0)))
+    longest = _mark_asked(axes, rows, [e.asked for e in efforts], counts.max(0), words)
+    axes.set_xlim(0, 1.25 * longest)
     axes.set_xlabel("keys, clicks and drags (grey: without suggestions; diamond: asked)")
     axes.set_yticks(rows, [e.stretch + (", unsure too" if e.unsure else "") for e in efforts])
     axes.set_title("labelling effort", loc="left", fontsize=10)
+
+
+def _mark_asked(axes, rows, asked, ends, words) -> float:
+    """Mark what is asked of each row, and write its words behind; the longest row's end."""
+    asked = np.array(asked, float)  # nan where nothing is
+    axes.plot(asked, rows, "D", color=_ASKED, ms=6)
+    ends = np.fmax(ends, asked)
+    axes.bar_label(axes.barh(rows, ends, alpha=0), words, padding=8)
+    return float(ends.max())

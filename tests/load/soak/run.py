@@ -1,7 +1,6 @@
 """One soaked run: `tokt run --source stream:...`, with what is around it and done to it."""
 
 import json
-import socket
 import time
 from collections.abc import Sequence
 from contextlib import closing, nullcontext
@@ -9,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from tests.calls import free_port
 from tests.load.program import ended, program
 from tokt.features.common.arrays import F64
 from tokt.inference.recording.run_log import events_path
@@ -45,9 +45,7 @@ def whole_run(folder: Path, extent: SoakSize, models: Sequence[Bundle]) -> Run:
     (folder / "log").mkdir(parents=True)
     store = Store(folder / "store")
     store.deploy(models[0], "the first")
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    log = folder / "log" / "run.jsonl"
+    port, log = free_port(), folder / "log" / "run.jsonl"
     options = ["--store", store.path, "--metrics", port, "--log", log]
     options += ["--log-max-mb", extent.log_mb, "--log-keep", extent.log_keep]
     options += ["--record", folder / "record", "--record-mb", extent.record_mb]

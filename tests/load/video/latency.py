@@ -1,12 +1,10 @@
 """From the encoder to the datagram: tokt's run, bare codecs, other readers of the same stream."""
 
 import json
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -21,6 +19,7 @@ from tests.inference.sources.video.packets import annex_b, nal_units, rtp_packet
 from tests.inference.sources.video.pictures import i420
 from tests.inference.sources.video.senders import ROOT, Film, Sender, free_port
 from tests.load.program import ended, program
+from tests.load.soak.feed import datagram, receiver
 from tokt.features.common.errors import ToktError
 from tokt.inference.outputs.udp import decode
 
@@ -75,26 +74,22 @@ def run_latency(folder: Path, camera: Sender, url: str, way: str, seconds: float
     if not bundle.exists():
         bundle.write_bytes(telling_bundle(film.size, film.kbit * 1000))
     told, times, said = Told(film.size), [], folder / f"said-{way}"
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
-        heard.bind(("127.0.0.1", 0))
-        heard.settimeout(_SLACK_S)
+    with receiver() as heard:
         options = ["--source", url, "--bundle", bundle, "--policy", "texture"]
         options += ["--udp", f"v2@127.0.0.1:{heard.getsockname()[1]}"]
         with program("run", *options, said=said) as process:
             began = spent = None
             while began is None or time.monotonic() < began + seconds:
-                try:
-                    datagram = decode(heard.recv(1 << 16))
-                except TimeoutError:
-                    raise ended("run", process, said) from None
-                now = time.monotonic()
-                if began is None and datagram.get("status") == 1:
+                if (data := datagram(heard, _SLACK_S)) is None:
+                    raise ended("run", process, said)
+                now, verdict = time.monotonic(), decode(data)
+                if began is None and verdict.get("status") == 1:
                     began, spent = now + _WARM_S, None
                 if began is None or now < began:
                     continue
                 if spent is None:
                     spent = _cpu_s(process.pid)
-                number = told.number(datagram.get("box"), camera.stamps.last())
+                number = told.number(verdict.get("box"), camera.stamps.last())
                 at = None if number is None else camera.stamps.of(number)
                 if at is not None:
                     times.append(1e3 * (now - at))
@@ -109,27 +104,21 @@ def _cpu_s(pid: int) -> float:
     return float(sum(each.user + each.system for each in times))
 
 
-def read_by(task: Task) -> Read:
-    """A reader in a process of its own, to its end."""
-    with reading(task) as process:
-        out, _ = process.communicate(timeout=task.seconds + 5 * _SLACK_S)
-    if process.returncode:
-        raise ToktError(f"the reader {task.reader} ended with {process.returncode}")
-    return Read(**json.loads(out.splitlines()[-1]))
-
-
-@contextmanager
-def reading(task: Task) -> Iterator[subprocess.Popen[str]]:
-    """A reader that is ready to read."""
+def read_by(task: Task, send: Callable[[], object] = lambda: None) -> Read:
+    """A reader in a process of its own, to its end; what it reads is sent once it is ready."""
     command = [sys.executable, "-m", "tests.load.video.readers", json.dumps(asdict(task))]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         try:
             assert process.stdout
             if process.stdout.readline() != "ready\n":
                 raise ToktError(f"the reader {task.reader} does not begin")
-            yield process
+            send()
+            out, _ = process.communicate(timeout=task.seconds + 5 * _SLACK_S)
         finally:
             process.kill()
+    if process.returncode:
+        raise ToktError(f"the reader {task.reader} ended with {process.returncode}")
+    return Read(**json.loads(out.splitlines()[-1]))
 
 
 def reader_latency(folder: Path, camera: Sender, reader: str, seconds: float) -> Latency:
@@ -153,16 +142,14 @@ def lossy_read(folder: Path, reader: str, loss: float, film: Film, pictures: int
         last=units[-1].number - film.rate // 2,
         seconds=pictures / film.rate + 20,
     )
-    with reading(task) as process, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        began, end = time.monotonic() + 1.0, packets[-1].t - _WHOLE_S
-        for packet in packets:
-            time.sleep(max(0.0, began + packet.t - time.monotonic()))
-            kept = [packet.data]
-            if _WHOLE_S < packet.t < end:
-                kept = network.pass_on(packet.data)
-            for data in kept:
-                out.sendto(data, ("127.0.0.1", port))
-        said, _ = process.communicate(timeout=5 * _SLACK_S)
-    if process.returncode:
-        raise ToktError(f"the reader {reader} ended with {process.returncode}")
-    return Read(**json.loads(said.splitlines()[-1]))
+
+    def send() -> None:
+        with receiver() as out:
+            began, end = time.monotonic() + 1.0, packets[-1].t - _WHOLE_S
+            for packet in packets:
+                time.sleep(max(0.0, began + packet.t - time.monotonic()))
+                lossy = _WHOLE_S < packet.t < end
+                for data in network.pass_on(packet.data) if lossy else [packet.data]:
+                    out.sendto(data, ("127.0.0.1", port))
+
+    return read_by(task, send)

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from itertools import chain
 from statistics import median
@@ -93,7 +93,7 @@ def run_view_bench(extent: ViewBenchSize) -> Found:
         for number in progress(range(extent.rounds), extent.rounds, "round"):
             names = list(latencies)
             for name in names[number % 3 :] + names[: number % 3]:
-                with _clients(port, extent, loop, view) if name == CLIENTS else _nobody():
+                with _clients(port, extent, loop, view) if name == CLIENTS else nullcontext():
                     found = [
                         loop.judge(None if name == NONE else view) for _ in range(extent.frames)
                     ]
@@ -163,11 +163,6 @@ def _until_drawn(loop: _Loop, view: LiveView, port: int) -> None:
         if asked.getresponse().status == 200:
             return
     raise ToktError("the view shows no picture")
-
-
-@contextmanager
-def _nobody() -> Iterator[None]:
-    yield
 
 
 @contextmanager

@@ -2,16 +2,12 @@
 
 import base64
 import json
-import os
 import pickle
 import re
 import shutil
-import signal
 import subprocess
-import sys
 import urllib.error
 import urllib.request
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,10 +18,10 @@ import pandas as pd
 import pytest
 from mlflow.exceptions import MlflowException
 
-from tests.calls import call_tokt, free_port, refuses, succeeds
+from tests.calls import call_tokt, refuses, succeeds
 from tests.fixtures import ROOT, TRAIN_TINY, draw_tiny_frame
 from tests.inference.test_faults import hold_row
-from tests.waiting import until
+from tests.models.registry.serving import mlflow_serves
 from tokt.features.frames.image_file import read_image
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
@@ -382,36 +378,11 @@ def test_killed_before_a_wrong_number_was_withdrawn(workspace, monkeypatch):
 
 @pytest.fixture
 def served(trained, tmp_path):
-    """The address of ``mlflow models serve`` on a free loopback port."""
-    port = free_port()
-    command = [sys.executable, "-m", "mlflow", "models", "serve", "--env-manager", "local"]
-    command += ["--model-uri", "models:/tiny-lbp/1", "--host", "127.0.0.1", "--port", str(port)]
+    """The address of ``mlflow models serve``."""
+    words = ("models", "serve", "--env-manager", "local", "--model-uri", "models:/tiny-lbp/1")
     where = {"MLFLOW_TRACKING_URI": f"sqlite:///{trained / 'mlflow.db'}"}
-    where["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # uvicorn's
-    where |= {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_MODELS_WORKERS": "1"}
-    log = tmp_path / "log"
-    with log.open("wb") as out:
-        process = subprocess.Popen(
-            command, env={**os.environ, **where}, cwd=tmp_path, stdout=out, stderr=out,
-            start_new_session=True,
-        )  # fmt: skip
-        try:
-
-            def answers():
-                assert process.poll() is None, log.read_text()
-                with suppress(OSError):
-                    return asked(f"http://127.0.0.1:{port}/ping")[0] == 200
-
-            until(answers, log.read_text)
-            yield f"http://127.0.0.1:{port}"
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGTERM)  # it and its worker, of this session only
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait(10)
+    with mlflow_serves(tmp_path, "/ping", *words, **where, MLFLOW_MODELS_WORKERS="1") as url:
+        yield url
 
 
 def asked(address, body=None):

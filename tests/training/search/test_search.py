@@ -4,8 +4,9 @@ import json
 import math
 import os
 import shutil
-import subprocess
-import sys
+import signal
+import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from hypothesis import strategies as st
 from sklearn.metrics import f1_score
 
 from tests.calls import refuses
+from tests.forking import ForkHost
 from tests.tiers import scaled
+from tests.waiting import MAX_S
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import build_extractor, extractor_named
 from tokt.models.registry.registry import Registry
@@ -368,33 +371,6 @@ def test_runs_are_parent_and_children_once(searched, told):
 
 # --- killed --------------------------------------------------------------------------------------
 
-HOST = """
-import json, os, signal, sys, time
-from pathlib import Path
-from tokt.cli import main
-
-searches, *words = sys.argv[1:]
-for awaited in ("*/trials/[!.]*.json", "*/winner.json", None):
-    child = os.fork()
-    if child == 0:
-        sys.argv = ["tokt", *words, "--jobs", "1"]
-        try:
-            main()
-        except SystemExit as ended:
-            sys.stdout.flush()
-            os._exit(ended.code or 0)
-        finally:
-            os._exit(99)
-    while os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
-        if awaited and list(Path(searches).glob(awaited)):
-            os.kill(child, signal.SIGKILL)
-            break
-        time.sleep(0.002)
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    print("ended", code, file=sys.stderr, flush=True)
-"""
-"""After `preload`: forks a child a run, so that a kill costs no second of imports."""
-
 
 def finished_trials(folder):
     """What is kept of each trial, but how long it took."""
@@ -418,13 +394,18 @@ def test_killed_twice_it_ends_the_same(searched, begun, trained, tmp_path, prelo
     other = tmp_path / ".tokt"
     begin_with_tiny(begun, trained, other)
     words = [str(word).replace(str(workspace), str(other)) for word in command]
-    with (tmp_path / "out").open("w+") as out, (tmp_path / "err").open("w+") as err:
-        host = [sys.executable, "-c", preload + HOST, str(other / "searches"), *words]
-        host += ["--json"]
-        subprocess.run(host, stdout=out, stderr=err, timeout=200, check=False)
-        said, result = (tmp_path / "err").read_text(), (tmp_path / "out").read_text()
-    ended = [line.split()[1] for line in said.splitlines() if line.startswith("ended ")]
-    assert ended == ["-9", "-9", "0"], said
+    codes = []
+    with closing(ForkHost(preload)) as host:
+        for awaited in ("*/trials/[!.]*.json", "*/winner.json", None):
+            run = host.start(*words, "--json", "--jobs", 1)
+            while awaited and run.poll() is None:
+                if list((other / "searches").glob(awaited)):
+                    run.kill()
+                time.sleep(0.002)
+            with run.stdout, run.stderr:
+                result = run.stdout.read()
+                codes.append(run.wait(MAX_S))
+    assert codes == [-signal.SIGKILL, -signal.SIGKILL, 0]
     result = json.loads(result)
     for same in ("search", "winner", "ranks", "faults"):
         assert result[same] == expected[same]
