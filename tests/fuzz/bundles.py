@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tests.models.parts import unpack
+from tests.models.parts import golden_of, unpack
 from tokt.features.common.arrays import U8
 from tokt.features.common.canonical import json_sha256
 from tokt.features.common.errors import ToktError
@@ -23,7 +23,7 @@ from tokt.inference.outputs.udp import decode, encode_v2
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
 from tokt.inference.verdict import unknown_verdict
-from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from tokt.models.bundle.bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
 from tokt.models.bundle.signature import MEMBER as SIGNATURE
 from tokt.models.bundle.signature import Signature
 from tokt.models.distribution import (
@@ -92,9 +92,8 @@ def check_usable(bundle: Bundle) -> None:
 
 _OLDER = Path(__file__).parents[1] / "models" / "bundle"
 _LBP = {"name": "lbp", "version": 1, "points": 4, "radius": 1, "border": "patch"}
-_FLAT = {"window": 3, "by": "frame"}
 _LEVELS = {"resize": "area_deep", "gray": "bt601", "smooth": 1, "gain": 2, "levels": 16}
-_DEEP = {"image": {**_LEVELS, "flatten": _FLAT}}
+_DEEP = {"image": {**_LEVELS, "flatten": {"window": 3, "by": "frame"}}}
 _TWO = (("ocean", False), ("other", True))
 _THREE = (*_TWO, ("sand", True))
 
@@ -103,50 +102,37 @@ _THREE = (*_TWO, ("sand", True))
 def specs() -> tuple[dict[str, Any], ...]:
     """Specs of extractors of each family."""
     plain = {"image": extractor_named("lbp").spec["image"]}
-    haralick = {"name": "haralick", "version": 2, "ignore_zeros": True, "scale": "log", **plain}
-    lines = {"name": "lines", "version": 1, "samples": [2, 4]}
-    lines |= {"image": {**_LEVELS, "flatten": None}}
-    moments = {"name": "moments", "version": 1, **_DEEP}
+    haralick = _spec_of("haralick", version=2, ignore_zeros=True, scale="log", **plain)
+    lines = _spec_of("lines", samples=[2, 4], image={**_LEVELS, "flatten": None})
+    gradients, colour = _spec_of("gradients", smooth=[1, 3]), _spec_of("colour", cells=3)
+    relative = _spec_of("relative", quietest=0.5, parts=[gradients, colour])
     return (
         {**_LBP, **plain},
-        {"name": "join", "version": 1, "parts": [haralick, moments]},
-        {"name": "context", "version": 1, "statistic": "max", "part": lines},
+        _spec_of("join", parts=[haralick, _spec_of("moments", **_DEEP)]),
+        _spec_of("context", statistic="max", part=lines),
         {**_LBP, "version": 2, "sampling": "nearest", **_DEEP},
-        {"name": "structure", "version": 1, **_DEEP},
-        {
-            "name": "join",
-            "version": 1,
-            "parts": [
-                {
-                    "name": "relative",
-                    "version": 1,
-                    "quietest": 0.5,
-                    "parts": [
-                        {"name": "gradients", "version": 1, "smooth": [1, 3]},
-                        {"name": "colour", "version": 1, "cells": 3},
-                    ],
-                },
-                {"name": "place", "version": 1},
-            ],
-        },
+        _spec_of("structure", **_DEEP),
+        _spec_of("join", parts=[relative, _spec_of("place")]),
     )
 
 
+def _spec_of(name: str, **more: Any) -> dict[str, Any]:
+    return {"name": name, "version": 1, **more}
+
+
 def textured(height: int, width: int, seed: int = 1) -> U8:
-    """A frame of noise."""
     return np.random.default_rng(seed).integers(0, 250, (height, width), np.uint8)
 
 
 def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, weightless=False):
     """What a bundle of random weights holds; weightless, it gives its bias for any features."""
     rng = np.random.default_rng(5)
-    outputs = 1 if len(classes) == 2 else len(classes)
-    weights = rng.normal(size=(outputs, extractor.dim)) * (not weightless)
+    outputs, dim = 1 if len(classes) == 2 else len(classes), extractor.dim
+    weights = rng.normal(size=(outputs, dim)) * (not weightless)
     names, flags = zip(*classes, strict=True)
     bias, mapped, moves = rng.normal(size=outputs), None, {}
     if extractor.needs_colour:
-        ones, zeros = np.ones(extractor.dim), np.zeros(extractor.dim)
-        mapped = NystroemMap(ones, zeros, 1.5, rng.uniform(-1, 1, (3, extractor.dim)), 0.1)
+        mapped = NystroemMap(np.ones(dim), np.zeros(dim), 1.5, rng.uniform(-1, 1, (3, dim)), 0.1)
         weights = rng.normal(size=(outputs, 3))
         moves = {"water": WaterPrior(-1.0, 1.0, 0.5, 0.5, 0.25), "unlike": 2.5}
     model = LinearModel(weights, bias, np.zeros(outputs), names, flags, mapped)
@@ -158,19 +144,13 @@ def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, w
         values = np.array([model.decision_values(rows) for rows in features])
         every = np.concatenate(features)
         edges = np.stack([quantile_edges(column) for column in every.T])
-        typical = np.full(extractor.dim, 0.1)
-        distribution = Distribution(edges, bin_counts(every, edges), typical, 3.0, 20, 90, 9)
-    pictures = tuple(cv2.imencode(".png", frame)[1].tobytes() for frame in frames)
-    obstacle = np.array([model.obstacle_patches(of_one) for of_one in values])
+        counts = bin_counts(every, edges)
+        distribution = Distribution(edges, counts, np.full(dim, 0.1), 3.0, 20, 90, 9)
     return BundleContent(
-        name="fuzz",
-        version="1",
-        extractor_spec=extractor.spec,
-        grid=grid,
-        model=model,
+        *("fuzz", "1", extractor.spec, grid, model),
         provenance={"mlflow_run_id": "0" * 32, "dataset": "drawn@1", "code_version": "0.1.0"},
         metrics={"patch": {"f1": 0.5, "recall": None}, "folds": [{"f1": 0.25}]},
-        golden=Golden(pictures, values, obstacle),
+        golden=golden_of(frames, values, [model.obstacle_patches(of_one) for of_one in values]),
         trained_on=rng.integers(0, 2**63, 3).astype(np.uint64),
         card="# fuzz/1\n\nbølge\n",
         operating_point=OperatingPoint(
@@ -185,11 +165,10 @@ def small_bundles() -> list[Files]:
     """One of each kind of extractor, the last with a map, and one of each older format."""
     grid, gray = Grid(2, 2, 12), textured(8, 12)
     colour = cv2.merge([textured(8, 12, seed) for seed in (1, 2, 3)])
-    several = zip(specs(), (_TWO, _THREE, _TWO, _THREE, _TWO, _THREE), strict=True)
-    made = [
-        bundle_bytes(_content(extractor, grid, [colour if extractor.needs_colour else gray], kinds))
-        for extractor, kinds in ((build_extractor(spec), classes) for spec, classes in several)
-    ]
+    made = []
+    for extractor, classes in zip(map(build_extractor, specs()), (_TWO, _THREE) * 3, strict=True):
+        frame = colour if extractor.needs_colour else gray
+        made.append(bundle_bytes(_content(extractor, grid, [frame], classes)))
     older = [path.read_bytes() for path in sorted(_OLDER.glob("bundle_of_format_*.zip"))]
     return [{FILE: data} for data in made + older]
 
@@ -240,7 +219,6 @@ def _zip(files: Files, rng: Random, others: Others) -> Files:
 
 
 def _manifest(files: Files, rng: Random, others: Others) -> Files:
-    """The manifest changed anywhere."""
     members, manifest = _taken_apart(files)
     other = _taken_apart({FILE: rng.choice(others)})[1]
     return _put_together(members, changed_text(manifest, rng, [other]))
@@ -322,7 +300,7 @@ def _some_spec(rng: Random) -> Any:
     spec: Any = rng.choice(specs())
     if chance(rng, 30):
         parts = [_with_numbers(rng.choice(specs()), rng) for _ in range(rng.choice((2, 3, 8)))]
-        spec = {"name": "join", "version": 1, "parts": parts * rng.choice((1, 1, 12))}
+        spec = _spec_of("join", parts=parts * rng.choice((1, 1, 12)))
     return _with_numbers(spec, rng)
 
 

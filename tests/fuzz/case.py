@@ -44,15 +44,12 @@ class DefectError(AssertionError):
 
 
 def change_one(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
-    """An input of which one file is changed."""
     name = rng.choice(list(files))
     return {**files, name: changed_file(name, files[name], rng, others)}
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of input and what reads it."""
-
     name: str
     seeds: Callable[[], Sequence[Files]]  # sound inputs
     read: Callable[[Path], object]
@@ -66,7 +63,6 @@ class Kind:
     splices: Callable[[], Sequence[bytes]] = tuple
 
     def make(self, rng: Random) -> Files:
-        """A changed input."""
         seeds = self.seeds()
         others = [*self.splices(), *(data for files in seeds for data in files.values())]
         return self.change(rng.choice(seeds), rng, others)
@@ -84,7 +80,6 @@ def alone(read: Callable[[Path], object]) -> Callable[[Path], object]:
 
 
 def write_files(files: Files, folder: Path) -> None:
-    """Put an input where a reader of paths finds it."""
     for name, data in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -192,7 +187,6 @@ class Box:
         return [*found, EVIL] if EVIL.exists() else found
 
     def _empty(self) -> None:
-        """Take away what the case before has left."""
         for folder in self._own:
             folder.mkdir(parents=True, exist_ok=True)
         for path in (*self._strangers(), *self.case.iterdir()):
@@ -201,7 +195,6 @@ class Box:
 
 @contextmanager
 def limited_memory() -> Iterator[None]:
-    """Let this process have so much memory and no more."""
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
     limit = pages * resource.getpagesize() + _MAX_MEMORY

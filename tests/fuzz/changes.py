@@ -42,7 +42,6 @@ _TIMES = (1, 1, 1, 2, 2, 3, 4)
 
 
 def chance(rng: Random, percent: int) -> bool:
-    """Whether something of that probability happens."""
     return rng.randrange(100) >= 100 - percent  # 0, to which hypothesis shrinks, is no
 
 
@@ -50,7 +49,6 @@ def chance(rng: Random, percent: int) -> bool:
 
 
 def _span(data: bytes, rng: Random) -> tuple[int, int]:
-    """A stretch of the data, mostly short, at any place."""
     start = rng.randrange(len(data) + 1)
     length = rng.choice((1, 2, 4, 8, 16, rng.randrange(1, 65), rng.randrange(1, len(data) + 2)))
     return start, min(start + length, len(data))
@@ -148,7 +146,6 @@ def _near(value: Any, rng: Random) -> Any:
 
 
 def changed_json(value: Any, rng: Random) -> Any:
-    """A copy of the value after one to four changes."""
     root = [copy.deepcopy(value)]
     for _ in range(rng.choice(_TIMES)):
         places = _places(root)
@@ -194,7 +191,6 @@ def changed_text(value: Any, rng: Random, others: Sequence[Any] = ()) -> bytes:
 
 
 def _changed_lines(data: bytes, rng: Random) -> bytes:
-    """Lines of JSON of which one or two are changed."""
     values = [json.loads(line) for line in data.splitlines()]
     for at in rng.choices(range(len(values)), k=rng.choice((1, 1, 2))):
         values[at] = changed_json(values[at], rng)

@@ -31,7 +31,6 @@ _BEFORE = ("../", "/", "..\\..\\", "./", "ø", "\ufffe", "__MACOSX/._")
 
 
 def zip_bytes(members: Mapping[str, bytes]) -> bytes:
-    """A sound zip file of these members, stored as they are."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w") as archive:
         for name, data in members.items():
@@ -46,7 +45,6 @@ def _odd_name(name: str, rng: Random) -> str:
 
 
 def _odd_members(members: Mapping[str, bytes], rng: Random) -> list[tuple[zipfile.ZipInfo, bytes]]:
-    """The members, of which some are missing, twice, many, empty, packed or strangely named."""
     found = [(zipfile.ZipInfo(name), data) for name, data in members.items()]
     place, kind = rng.randrange(len(found)), rng.randrange(16)
     info, data = found[place]
@@ -136,7 +134,6 @@ _SHAPES = ((-1,), (1, -1), (-1, 1), (1, 1, -1), (-1, 1, 1, 1))
 
 
 def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
-    """An npz file of these arrays."""
     return zip_bytes({f"{name}.npy": _npy_bytes(array) for name, array in arrays.items()})
 
 
@@ -148,7 +145,6 @@ def _npy_bytes(array: Any) -> bytes:
 
 
 def _with_header(data: bytes, rng: Random) -> bytes:
-    """Another header before the same numbers."""
     text = rng.choice(_HEADERS)
     text = text % tuple(rng.choice(_COUNTS) for _ in range(text.count("%s")))
     header = (text + "\n").encode("latin-1")
@@ -159,7 +155,6 @@ def _with_header(data: bytes, rng: Random) -> bytes:
 
 
 def _other_array(array: Any, rng: Random) -> Any:
-    """Other numbers, another shape or another type."""
     match rng.randrange(6):
         case 0:
             with np.errstate(all="ignore"):
@@ -224,7 +219,6 @@ _SIZES = ((1, 1), (1, 300), (300, 1), (3, 3), (8, 12), (9, 9), (33, 48), (90, 12
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
-    """One chunk with its length and sum."""
     return struct.pack(">L", len(data)) + kind + data + struct.pack(">L", zlib.crc32(kind + data))
 
 

@@ -47,7 +47,6 @@ atexit.register(_KEPT.close)
 
 
 def write_mission(folder: Path) -> Path:
-    """A mission of pairs of colour frames."""
     for number, (side, frame) in enumerate(product(("Left", "Right"), FRAMES)):
         path = folder / "dive" / side / f"dive_{side[0]}_{frame}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -76,7 +75,6 @@ def _records() -> list[LabelRecord]:
 
 @cache
 def written(name: str) -> Files:
-    """The records in a format, as tokt writes them."""
     with tempfile.TemporaryDirectory() as folder:
         suffix = dict.fromkeys(("csv", "viame", "coralnet", "biigle"), ".csv").get(name, ".json")
         suffix = {"patches": "", "cvat": ".xml"}.get(name, suffix)

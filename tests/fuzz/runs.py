@@ -45,16 +45,13 @@ _UNKNOWN = unknown_verdict(Fault(Reason.DARK, "too dark"))
 
 
 @cache
-def _reports() -> tuple[Report, ...]:
+def _reports() -> list[Report]:
     """One that is clear, one with an obstacle, one that does not know."""
     mask = np.zeros((68, 90), np.uint8)
     clear = verdict_from_mask(mask, "texture", "m/1", None)
     mask[10:20, 30:50] = 255
-    seen = verdict_from_mask(mask, "texture", "m/1", 1.5)
-    return tuple(
-        Report(number, number, _T + number, 3.5, verdict, 4.25)
-        for number, verdict in enumerate((clear, seen, _UNKNOWN), 1)
-    )
+    said = (clear, verdict_from_mask(mask, "texture", "m/1", 1.5), _UNKNOWN)
+    return [Report(n, n, _T + n, 3.5, verdict, 4.25) for n, verdict in enumerate(said, 1)]
 
 
 # --- datagrams ---
@@ -62,7 +59,6 @@ def _reports() -> tuple[Report, ...]:
 
 @cache
 def _datagrams() -> list[Files]:
-    """Of both versions."""
     said = [encode_v1(report.verdict) for report in _reports()]
     made = (*(data for data in said if data is not None), *map(encode_v2, _reports()))
     return [{"datagram": data} for data in made]
@@ -120,12 +116,9 @@ def _events() -> tuple[dict[str, Any], ...]:
     file = UsedFile("c.yml", "0" * 64)
     software = {"tokt": "0.1.0", "python": "3.11.7"}
     start = RunStart("dive", "fallback", model=ModelName("m/1", "1" * 64), calibration=file)
-    fields = {**start.fields(), "software": software}
-    model = {"label": "m/2", "sha256": "2" * 64}
-    return (
-        event_line(_RUN, 0, Event(_T, "start", "begun", fields)),
-        event_line(_RUN, 2, Event(_T + 1, "model", "exchanged", model)),
-    )
+    begun = Event(_T, "start", "begun", {**start.fields(), "software": software})
+    model = Event(_T + 1, "model", "exchanged", {"label": "m/2", "sha256": "2" * 64})
+    return event_line(_RUN, 0, begun), event_line(_RUN, 2, model)
 
 
 @cache

@@ -98,7 +98,6 @@ def _spec_files() -> list[Files]:
 
 
 def _spaces() -> list[Files]:
-    """The built-in search space, and its beginning with a spec from a file and one written out."""
     built_in = BUILT_IN.read_bytes()
     own = built_in.partition(b"seabed")[0].replace(b'["none"]', b'["none", "balanced"]') + _OWN
     mine = _spec_files()[0]["spec.json"]

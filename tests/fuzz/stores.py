@@ -33,7 +33,6 @@ def _key() -> SigningKey:
 
 @cache
 def _bundles() -> tuple[Bundle, Bundle, Bundle]:
-    """Two bundles, and the second one signed."""
     one, two = (bundle_from_bytes(files[FILE], "seed") for files in small_bundles()[:2])
     return one, two, _key().sign(two, "seed")
 

@@ -5,13 +5,13 @@ begins with ``tokt: error:``, or success; never a traceback, and nothing written
 """
 
 import shutil
-import socket
 from pathlib import Path
 from random import Random
 
 import pytest
 
 from tests.calls import run_python
+from tests.inference.live import bound_socket
 from tokt.labels.formats import NAMES
 
 from .bundles import FILE, small_bundles
@@ -113,8 +113,7 @@ def _call(box: Path, files: Files, arguments: tuple[str, ...], port: int) -> str
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_refuses_changed_inputs_in_one_line(command, tmp_path, try_cases):
     kinds, arguments = COMMANDS[command]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
-        receiver.bind(("127.0.0.1", 0))
+    with bound_socket() as receiver:
         port = receiver.getsockname()[1]
 
         def one(rng: Random) -> str:

@@ -57,8 +57,6 @@ def _active_label(folder: Path) -> None:
 
 
 def _refusing(text: str) -> Callable[[Path], object]:
-    """Refuse with a text as it is."""
-
     def read(folder: Path) -> object:
         error = ToktError("short")
         error.args = (text,)

@@ -115,7 +115,6 @@ def video(
 
 
 def main() -> None:
-    """Run the measurement that was asked for."""
     run_app(app)
 
 

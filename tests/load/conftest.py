@@ -9,5 +9,4 @@ from .__main__ import main
 
 @pytest.fixture(scope="session")
 def run_load(run_tokt):
-    """Run ``python -m tests.load`` with these arguments."""
     return partial(run_tokt, program=main)

@@ -18,6 +18,11 @@ _PLAIN_WIDTH = 170
 WORST = 100
 
 
+def percentiles(values: Sequence[float], **asked: float) -> dict[str, float]:
+    """Percentiles of some values, by the names that are given to them."""
+    return dict(zip(asked, np.percentile(values, [*asked.values()]).tolist(), strict=True))
+
+
 @dataclass(frozen=True)
 class Timing:
     """Times of one thing that a person waits for."""
@@ -29,23 +34,18 @@ class Timing:
     percentile: int = 95  # which of the times `asked_ms` is for; `WORST` means all of them
 
     def at(self, percentile: int) -> float:
-        """A percentile of the times, ms."""
         return float(np.percentile(self.times_ms, percentile))
 
     @property
     def holds(self) -> bool | None:
-        """Whether it is as fast as asked; None where nothing is asked."""
         return None if self.asked_ms is None else self.at(self.percentile) <= self.asked_ms
 
     def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
         return {
             "name": self.name,
             "what": self.what,
             "count": len(self.times_ms),
-            "p50_ms": self.at(50),
-            "p95_ms": self.at(95),
-            "worst_ms": self.at(WORST),
+            **percentiles(self.times_ms, p50_ms=50, p95_ms=95, worst_ms=WORST),
             "asked_ms": self.asked_ms,
             "asked_of": "worst" if self.percentile == WORST else f"p{self.percentile}",
             "holds": self.holds,
@@ -86,13 +86,11 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], *folded: str) 
 
 
 def machine_words(about: Mapping[str, Any]) -> str:
-    """The computer that was measured on."""
     computer = about["machine"]
     return f"machine: {computer['cpu']}, {computer['cores']} core(s); python {computer['python']}"
 
 
 def yes_or_no(holds: bool | None) -> str:
-    """Whether what was asked is kept, in a word."""
     return {True: "yes", False: "NO", None: ""}[holds]
 
 

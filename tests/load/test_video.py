@@ -22,7 +22,7 @@ def test_a_short_look_at_video(run_load, tmp_path, monkeypatch):
     monkeypatch.setattr(video_run, "QUICK", short)
     ran = run_load("video", "--quick", "--json", "--out", tmp_path / "out")
     found = json.loads(ran.out)
-    assert found["captures"]["captures"] == 10 and found["captures"]["whole"] > 10
+    assert found["captures"]["streams"] == 10 and found["captures"]["whole"] > 10
     assert found["live"]["streams"] == 2 and found["live"]["sent"] == 60
     damaged = found["captures"]["damaged"] + found["live"]["damaged"]
     assert damaged == 0 and ran.code == 0

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+import pytest
 
 from tests.waiting import MAX_S, until
 
 
 @dataclass(frozen=True)
 class Started:
-    """A command that goes on, and what it has said so far."""
-
     process: subprocess.Popen[bytes]
     words: Path
 
@@ -40,32 +39,40 @@ class Started:
         assert self.process.wait(MAX_S) == 0, self.said()
 
 
+def _environ() -> dict[str, str]:
+    return {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
+
+
+def fresh_python(home: Path, wheel: Path, *options: object) -> Path:
+    """The Python of a new environment in which pip has installed a wheel."""
+    venv.create(home)
+    python = home / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+    # Of the installed modules only those are compiled that are imported.
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", python)
+    command = map(str, (*pip, "install", "--quiet", "--no-compile", *options, wheel))
+    done = subprocess.run([*command], capture_output=True, text=True, cwd=home, env=_environ())
+    if "No matching distribution" in done.stderr:
+        pytest.skip("no package index can be reached to make a fresh environment")
+    assert done.returncode == 0, done.stderr
+    return python
+
+
 class Installed:
     """An environment of its own with the wheel; the tests' packages are found after it."""
 
     def __init__(self, wheel: Path, home: Path) -> None:
-        venv.create(home)
-        windows = sys.platform == "win32"
-        self._programs = home / ("Scripts" if windows else "bin")
-        self._suffix = ".exe" if windows else ""
-        self._environ = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
-        self.python = self._program("python")
+        self.python = fresh_python(home, wheel, "--no-deps")
         words = "import sysconfig; print(sysconfig.get_path('purelib'))"
         self.packages = Path(self.run(self.python, "-c", words).strip())
-        pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", self.python)
-        self.run(*pip, "install", "--quiet", "--no-compile", "--no-deps", wheel)
         # Their .pth files do not count here: no editable install comes along.
         names = ("site-packages", "dist-packages")
         others = [path for path in sys.path if Path(path).name in names]
         (self.packages / "others.pth").write_text("\n".join(others))
 
-    def _program(self, name: str) -> Path:
-        return self._programs / (name + self._suffix)
-
     def run(self, *command: object, given: str = "") -> str:
         """What a command prints that ends well."""
         how = {"capture_output": True, "text": True, "timeout": MAX_S, "check": False}
-        where = {"cwd": self._programs, "env": self._environ}  # outside of the checkout
+        where = {"cwd": self.python.parent, "env": _environ()}  # outside of the checkout
         done = subprocess.run([str(part) for part in command], input=given, **how, **where)
         assert done.returncode == 0, done.stderr
         return done.stdout
@@ -73,8 +80,8 @@ class Installed:
     def start(self, folder: Path, words: Path, *arguments: object, **environ: str) -> Started:
         """Start `tokt` in a folder; what it says goes to a file."""
         with words.open("wb") as sink:
-            command = [self._program("tokt"), *map(str, arguments)]
-            where = {"cwd": folder, "env": {**self._environ, **environ}}
+            command = [self.python.with_stem("tokt"), *map(str, arguments)]
+            where = {"cwd": folder, "env": {**_environ(), **environ}}
             process = subprocess.Popen(command, stdout=sink, stderr=sink, **where)
         return Started(process, words)
 

@@ -40,8 +40,6 @@ NAMES = {  # a name of each room, and the file that defines it
 
 @dataclass(frozen=True)
 class Install:
-    """A Python in which tokt is installed, and the folder of the package."""
-
     python: Path
     package: Path
 

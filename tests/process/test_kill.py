@@ -93,7 +93,6 @@ def kill_until_hit(host, command, sound, rng, duration_s, trials=TRIALS, hits=1)
 
 
 def took_s(host, *command):
-    """Seconds that a command takes to its good end."""
     begun = time.monotonic()
     assert host.run(*command) == 0
     return time.monotonic() - begun

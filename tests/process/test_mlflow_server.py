@@ -23,7 +23,6 @@ TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY
 
 @pytest.fixture(scope="module")
 def database():
-    """The URI of a PostgreSQL server's database."""
     with postgres() as uri:
         yield uri
 

@@ -4,11 +4,11 @@ import json
 import subprocess
 import sys
 import tempfile
-import venv
 from pathlib import Path
 
 import pytest
 
+from tests.process.installed import fresh_python
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS
 
@@ -37,16 +37,7 @@ def _judged(python, bundle, mission, log):
 @pytest.fixture(scope="module")
 def slim_python(wheel, tmp_path_factory):
     home = tmp_path_factory.mktemp("slim") / "venv"
-    venv.create(home)
-    python = home / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
-    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", python)
-    # Of the installed modules only those are compiled that are imported.
-    install = ("install", "--quiet", "--no-compile", "-c", ROOT / "constraints.txt", wheel)
-    done = _run(*pip, *install)
-    if done.returncode != 0 and "No matching distribution" in done.stderr:
-        pytest.skip("no package index can be reached to make a fresh environment")
-    assert done.returncode == 0, done.stderr
-    return python
+    return fresh_python(home, wheel, "-c", ROOT / "constraints.txt")
 
 
 def test_plain_install_runs_a_bundle(slim_python, workspace, tiny, tiny_bundle, tmp_path):
@@ -70,18 +61,16 @@ print([policy.judge(frame).verdict.status for frame in tokt.open_source({str(mis
     said = _run(slim_python, "-c", pieces)
     assert said.stdout == f"{[line['status'] for line in lines]}\n", said.stderr
 
-    for missing in (
-        ("train", "tiny", "--extractor", "lbp", *space),
-        ("evaluate", "tiny-lbp", "--mission", mission, *space),
+    for words, said in (
+        (("train", "tiny", "--extractor", "lbp", *space), "extra 'train'"),
+        (("evaluate", "tiny-lbp", "--mission", mission, *space), "extra 'train'"),
+        (("demo", "--help"), "tokt demo comes with the distribution tokt-studies"),
+        (("bench", "--help"), "tokt bench comes with the distribution tokt-studies"),
+        (("simulate", "--help"), "tokt simulate comes with the distribution tokt-studies"),
     ):
-        refused = _run(slim_python, "-m", "tokt", *missing)
-        assert refused.returncode == 2
-        assert refused.stderr.count("\n") == 1 and "extra 'train'" in refused.stderr, refused.stderr
-
-    for command in ("demo", "bench", "simulate"):
-        refused = _run(slim_python, "-m", "tokt", command, "--help")
+        refused = _run(slim_python, "-m", "tokt", *words)
         assert refused.returncode == 2 and refused.stderr.count("\n") == 1, refused.stderr
-        assert f"tokt {command} comes with the distribution tokt-studies" in refused.stderr
+        assert said in refused.stderr
     refused = _run(slim_python, "-c", "import tokt; tokt.simulate_mission")
     assert "tokt.simulate_mission needs tokt_studies: install the distribution" in refused.stderr
 

@@ -5,7 +5,6 @@ An editable install hides what a wheel lacks: it finds every file of the checkou
 
 import http.client
 import json
-import os
 import re
 import shutil
 import signal
@@ -16,12 +15,14 @@ import tomllib
 import zipfile
 from contextlib import closing
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path, PurePosixPath
 from urllib.parse import urljoin, urlsplit
 
 import psutil
 import pytest
 
+from tests.calls import run_python
 from tests.waiting import MAX_S
 
 from .installed import Installed
@@ -78,10 +79,9 @@ def test_the_wheel_holds_what_git_holds(wheel, product, packed):
 
 def test_without_a_compiler_a_wheel_is_for_all_platforms(wheel, sources, tmp_path):
     """Though one with compiled kernels was built before in the same folder."""
-    command = (sys.executable, "-m", "pip", "wheel", "--verbose", "--no-build-isolation")
-    where = ("--no-deps", "--wheel-dir", tmp_path, sources)
-    environ = {**os.environ, "CC": "false", "TOKT_REPOSITORY": "https://example.org/tokt"}
-    done = subprocess.run([*command, *where], env=environ, capture_output=True, text=True)
+    command = ("-m", "pip", "wheel", "--verbose", "--no-build-isolation", "--no-deps")
+    environ = {"CC": "false", "TOKT_REPOSITORY": "https://example.org/tokt"}
+    done = run_python(*command, "--wheel-dir", tmp_path, sources, **environ)
     assert done.returncode == 0, done.stderr
     assert "no compiler: the wheel has numpy's kernels alone" in done.stdout + done.stderr
     (made,) = tmp_path.glob("*.whl")
@@ -98,20 +98,22 @@ def test_without_a_compiler_a_wheel_is_for_all_platforms(wheel, sources, tmp_pat
 
 
 def git(folder, *words):
-    """Run git in a folder, as somebody."""
     who = ("-c", "user.name=tests", "-c", "user.email=tests@example.org")
     subprocess.run(["git", *who, *words], cwd=folder, check=True, capture_output=True)
 
 
+def checked_in(sources, folder):
+    shutil.copytree(sources, folder, symlinks=True)
+    for words in (("init", "--quiet"), ("add", "--all"), ("commit", "--quiet", "-m", "all")):
+        git(folder, *words)
+    return folder
+
+
 def test_an_sdist_holds_every_file_once(sources, product, tmp_path):
     """`make wheels` builds what is published from it."""
-    checkout = tmp_path / "checkout"
-    shutil.copytree(sources, checkout, symlinks=True)
-    git(checkout, "init", "--quiet")
-    git(checkout, "add", "--all")
-    git(checkout, "commit", "--quiet", "--message", "all")
+    checkout = checked_in(sources, tmp_path / "checkout")
     program = f"import setuptools.build_meta as b; print(b.build_sdist({str(tmp_path)!r}))"
-    subprocess.run([sys.executable, "-c", program], cwd=checkout, check=True, capture_output=True)
+    assert run_python("-c", program, folder=checkout).returncode == 0
     (sdist,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
         names = ["/".join(one.name.split("/")[1:]) for one in archive.getmembers() if one.isfile()]
@@ -123,16 +125,9 @@ def test_an_sdist_holds_every_file_once(sources, product, tmp_path):
 
 def test_a_checkout_without_links_says_how_to_get_them(sources, tmp_path):
     """As git makes it on Windows by default: a link is a text file."""
-    git(sources, "init", "--quiet", tmp_path / "origin")
-    shutil.copytree(sources, tmp_path / "origin", symlinks=True, dirs_exist_ok=True)
-    git(tmp_path / "origin", "add", "--all")
-    git(tmp_path / "origin", "commit", "--quiet", "--message", "all")
+    checked_in(sources, tmp_path / "origin")
     git(tmp_path, "clone", "--quiet", "-c", "core.symlinks=false", "origin", "plain")
-
-    def version():
-        command = [sys.executable, "setup.py", "--version"]
-        return subprocess.run(command, cwd=tmp_path / "plain", capture_output=True, text=True)
-
+    version = partial(run_python, "setup.py", "--version", folder=tmp_path / "plain")
     said = version()
     assert said.returncode == 1 and said.stdout == "" and said.stderr.count("\n") == 1
     assert said.stderr.startswith("tokt: error: ") and "is a text file, not a link" in said.stderr

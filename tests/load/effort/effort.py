@@ -53,16 +53,13 @@ class LabellingEffort:
 
     @property
     def asked(self) -> int | None:
-        """The most actions with suggestions; None where nothing is asked."""
         return None if self.unsure or self.frames < FRAMES else ASKED
 
     @property
     def holds(self) -> bool | None:
-        """Whether it is as asked; None where nothing is asked."""
         return None if self.asked is None else self.with_model <= self.asked and not self.against
 
     def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
         return {**vars(self), "asked": self.asked, "holds": self.holds}
 
 

@@ -88,7 +88,6 @@ class LabelSession:
         self._stroked: set[tuple[int, int]] = set()
 
     def run(self) -> None:
-        """Label everything and wait until it is saved."""
         self._tab.until(_SUGGESTED)
         self._tab.page.click("#views a[href^='#/overview']")
         self.actions += 1

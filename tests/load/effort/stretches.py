@@ -61,17 +61,14 @@ class Stretch:
 
     @property
     def name(self) -> str:
-        """The dive and its frames."""
         return f"{self.dive.name} {format_frames(self.held)}"
 
     @property
     def labels(self) -> Target:
-        """The labels that its dive has."""
         return labels_by_frame(self.dive.records)
 
 
 def stretches_of(dive: LabelledMission, most: int = FRAMES) -> list[Stretch]:
-    """The labelled frames of a dive, those in a row together."""
     rows: list[list[int]] = []
     for number in labels_by_frame(dive.records):
         if not rows or len(rows[-1]) == most or number - rows[-1][-1] > _GAP:

@@ -37,8 +37,6 @@ MAX_PICTURES = 300
 
 @dataclass(frozen=True)
 class PageBenchSize:
-    """Numbers of frames and repetitions of the page's bench."""
-
     frames: int  # of the long mission
     rendered: int  # frames of a mission that is rendered for the bench
     width: int  # of these, in pixels
@@ -142,7 +140,6 @@ def _page_times(mission, workspace, extent, browser, once) -> list[Timing]:
 
 
 def label_report(found: Mapping[str, Any]) -> list[Table | str]:
-    """The bench's JSON object, to be printed."""
     times, efforts = found["times"], found["effort"]
     frames = f", {found['frames']} frames of links to it" if found["frames"] else ""
     return [

@@ -53,7 +53,6 @@ Box = Sequence[float]
 
 
 def middle_of(box: Box, cell: int) -> tuple[float, float]:
-    """The middle of a patch of a picture."""
     left, top, width, height = box
     row, col = divmod(cell, DEFAULT_GRID.cols)
     x, y = (col + 0.5) / DEFAULT_GRID.cols, (row + 0.5) / DEFAULT_GRID.rows
@@ -80,7 +79,6 @@ class Tab:
         self._box: Box | None = None
 
     def close(self) -> None:
-        """Close the tab and forget what it stored."""
         self._context.close()
 
     def open(self, address: str) -> float:
@@ -93,11 +91,9 @@ class Tab:
         return float(self.page.evaluate(_START, FIRST))
 
     def count(self, name: str) -> int:
-        """How many performance entries of that name there are."""
         return self.page.evaluate(_COUNT, name)
 
     def wait_for(self, name: str, known: int) -> None:
-        """Wait until there are more than `known` performance entries of a name."""
         self.until(_MORE, [name, known])
 
     def durations(self, name: str, first: int = 0) -> list[float]:
@@ -112,7 +108,6 @@ class Tab:
         return list(self.page.evaluate(_DRAWN, FRAME))
 
     def until_drawn(self, frame: int) -> None:
-        """Wait until the newest frame drawn is this one."""
         self.until(_IS_DRAWN, [FRAME, frame])
 
     def key_presses(self) -> list[float]:
@@ -120,12 +115,10 @@ class Tab:
         return list(self.page.evaluate("() => window.toktPressed"))
 
     def frame_box(self) -> Box:
-        """Where the frame shown is, in its own view."""
         self._box = self._box or self.page.evaluate(_FRAME_BOX)
         return self._box
 
     def click(self, cell: int) -> None:
-        """Click the middle of a patch of the frame shown."""
         self.page.mouse.click(*middle_of(self.frame_box(), cell))
 
     def until(self, script: str, arg: Any = None) -> Any:

@@ -38,8 +38,6 @@ _LAST_ACT = """() => {
 
 @dataclass(frozen=True)
 class Repeats:
-    """Repetitions of each action."""
-
     loads: int
     steps: int
     jumps: int
@@ -48,7 +46,6 @@ class Repeats:
 
 
 def first_page(browser: Any, url: str, loads: int) -> Timing:
-    """Open the page in fresh tabs without a cache."""
     times = []
     for _ in range(loads):
         tab = Tab(browser, url)
@@ -119,7 +116,6 @@ def acknowledging(tab: Tab, cells: Sequence[int], clicks: int) -> list[Timing]:
 
 
 def live_update(browser: Any, url: str, names: Sequence[str], changes: int) -> Timing:
-    """Paint in one tab and wait for it in another."""
     here, there = tabs = [Tab(browser, url), Tab(browser, url)]
     for tab in tabs:
         tab.open(FIRST_FRAME)

@@ -36,8 +36,6 @@ _FEWEST = FOLDS * BLOCK_FRAMES
 
 @dataclass(frozen=True)
 class ScaleBenchSize:
-    """Numbers of frames of the bench of scale."""
-
     frames: tuple[int, ...]  # the sizes to measure, ascending
     width: int  # frame width in pixels
     story: int  # different frames; the rest are these again with other noise
@@ -127,7 +125,6 @@ def _check_room(folder: Path, extent: ScaleBenchSize) -> None:
 
 
 def scale_report(found: Mapping[str, Any]) -> list[Table | str]:
-    """What was found, to be printed."""
     sizes = [f"{size['patches']:,} patches" for size in found["steps"][0]["sizes"]]
     rows = [
         (

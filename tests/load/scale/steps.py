@@ -74,15 +74,14 @@ class Steps:
         stored = sum(file.stat().st_size for file in dataset.path.rglob("*") if file.is_file())
         return {"patches": len(dataset.patches), "stored_mb": stored / 1e6}
 
-    def features_1_job(self) -> dict[str, Any]:
+    def features_1_job(self, jobs: int = 1, cache: str = "cache") -> dict[str, Any]:
         """Into the cache that all later steps read."""
-        table = self._table(1, "cache")
+        table = self._table(jobs, cache)
         return {"features": table.shape[1], "table_mb": table.nbytes / 1e6}
 
     def features_2_jobs(self) -> dict[str, Any]:
         """The same by two processes."""
-        table = self._table(2, "cache-2")
-        return {"features": table.shape[1], "table_mb": table.nbytes / 1e6}
+        return self.features_1_job(2, "cache-2")
 
     def fit(self) -> dict[str, Any]:
         """One model of all patches: what cross-validation does again and again."""

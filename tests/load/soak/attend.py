@@ -82,11 +82,9 @@ class Attendant:
         self._running.result()
 
     def column(self, name: str) -> F64:
-        """One figure of all samples."""
         return np.array([sample[name] for sample in self.samples], np.float64)
 
     def ends(self) -> dict[str, list[int]]:
-        """Threads and files at the start and at the end."""
         first, last = self.samples[:_ENDS], self.samples[-_ENDS:]
         return {
             name: [min(sample[name] for sample in part) for part in (first, last)]

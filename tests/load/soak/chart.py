@@ -18,7 +18,6 @@ _MARKS = {SWITCHED: ("#55a868", "another model"), REFUSED: ("#c44e52", "a model 
 
 
 def chart_png(found: Soak) -> bytes:
-    """Three panels; a PNG file."""
     figure = Figure(figsize=(10.5, 9.0), layout="constrained")
     over_time, memory, tail = figure.subplots(3, 1)
     _draw_latency(over_time, found.whole)

@@ -31,7 +31,6 @@ _SAME = ("status", "x", "y")
 
 
 def receiver() -> socket.socket:
-    """A UDP socket on a free port of this computer."""
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.bind(("127.0.0.1", 0))
     return opened
@@ -144,7 +143,6 @@ class Feeder:
         )
 
     def close(self) -> None:
-        """Hear nothing more."""
         for opened in (self._v1, self._v2, self._server):
             opened.close()
 

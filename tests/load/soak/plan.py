@@ -23,8 +23,6 @@ _REPEATS = Limits().frozen_repeats
 
 
 class FrameKind(IntEnum):
-    """The kind of a frame."""
-
     WATER = 0
     NEAR = 1
     """Something can be hit."""
@@ -54,8 +52,6 @@ _LAST_EXCHANGE = 0.95
 
 @dataclass(frozen=True)
 class SoakSize:
-    """Numbers of frames, kills and pauses of a soak."""
-
     frames: int = 1_000_000
     bare_frames: int = 50_000  # of the same run with nothing around it, to compare with
     kills: int = 20  # how often the runtime is killed under its watchdog
@@ -70,11 +66,9 @@ class SoakSize:
 
     @property
     def last_exchange(self) -> int:
-        """Frames after which no model is exchanged any more."""
         return int(_LAST_EXCHANGE * self.frames)
 
     def of(self, frames: int) -> SoakSize:
-        """The same of so many frames."""
         return replace(self, frames=frames, bare_frames=min(self.bare_frames, frames))
 
 
@@ -102,10 +96,8 @@ def _stretches(rng: np.random.Generator) -> Iterator[tuple[FrameKind, int]]:
 
 
 def time_of(number: int) -> float:
-    """Frame time in seconds of the frame with a number."""
     return _EPOCH_S + _STEP_S * number
 
 
 def number_of(t: float) -> int:
-    """The number of the frame with a time in seconds."""
     return round((t - _EPOCH_S) / _STEP_S)

@@ -27,8 +27,6 @@ _SETTLE_S = 30.0
 
 @dataclass(frozen=True)
 class Run:
-    """Results of one run."""
-
     extent: SoakSize
     summary: dict[str, Any]  # what `tokt run --json` said at its end
     heard: dict[str, Any]  # what came of its datagrams

@@ -44,7 +44,6 @@ _PLACES = 100
 
 @cache
 def _light() -> F64:
-    """Light that falls off towards the edges."""
     y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
     return np.asarray(_LIGHT - _FALL * (x**2 + y**2) / 2)
 
@@ -88,7 +87,6 @@ def obstacle_patches(seed: int) -> Bools:
 
 
 def dark(seed: int) -> U8:
-    """The lamp is out."""
     grey = np.clip(2 + _seen(3, seed), 0, 7).astype(np.uint8)
     return np.dstack([grey] * 3)
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from tests.load.report import WORST, Timing
+from tests.load.report import WORST, Timing, percentiles
 from tokt.features.common.arrays import F64
 from tokt.inference.config import Limits
 from tokt.inference.runtime import TICK_S
@@ -36,10 +36,9 @@ _LOST = ("lost", "unreadable", "lost_v1", "different_v1")
 
 
 def percentiles_ms(seconds: F64) -> dict[str, float]:
-    """Of durations in seconds: `PERCENTILES` in milliseconds, and p99.9 over the median."""
-    found = np.percentile(seconds, list(PERCENTILES.values())) * 1000
-    named = dict(zip(PERCENTILES, found.tolist(), strict=True))
-    return {**named, "tail": named["p99.9_ms"] / named["median_ms"]}
+    """Of durations in seconds: percentiles in milliseconds, and p99.9 over the median."""
+    found = percentiles(seconds * 1000, **PERCENTILES)
+    return {**found, "tail": found["p99.9_ms"] / found["median_ms"]}
 
 
 def growth(frames: F64, resident: F64) -> dict[str, Any] | None:
@@ -65,16 +64,11 @@ def growth(frames: F64, resident: F64) -> dict[str, Any] | None:
         "high": slope + margin,
         "first_bytes": float(y[0]),
         "last_bytes": float(y[-1]),
-        "most_bytes": float(resident.max()),
-        "bytes_per_1e6_frames": slope * 1e6,
         "mb_per_day": slope * CAMERA_FPS * 86_400 / 1e6,
-        "mb_per_day_is": f"at {CAMERA_FPS:g} frames a second",
-        "confidence": CONFIDENCE,
     }
 
 
 def growth_words(grown: Mapping[str, Any]) -> str:
-    """A growth and its interval."""
     slope, low, high = (grown[name] * 1e6 for name in ("bytes_per_frame", "low", "high"))
     return f"{slope:+,.0f} bytes per 10^6 frames ({low:+,.0f} to {high:+,.0f})"
 
@@ -117,12 +111,10 @@ class Soak:
 
     @property
     def holds(self) -> bool:
-        """Whether everything was as asked."""
         return all(check.holds for check in self.checks)
 
     @cached_property
     def checks(self) -> list[Check]:
-        """Each thing that is asked."""
         return [*self._frames(), *self._silences(), *self._resources(), *self._times()]
 
     def _frames(self) -> list[Check]:
@@ -170,12 +162,9 @@ class Soak:
         ]
 
     def _resources(self) -> list[Check]:
-        asked, happened = (
-            self.whole.attendant.asked,
-            Counter(name for name, _ in self.whole.happened),
-        )
-        to_be, were = ((each[SWITCHED], each[REFUSED]) for each in (asked, happened))
-        ends, lost = self.whole.attendant.ends(), self.whole.summary["log_failures"]
+        seen, happened = self.whole.attendant, Counter(name for name, _ in self.whole.happened)
+        to_be, were = ((each[SWITCHED], each[REFUSED]) for each in (seen.asked, happened))
+        ends, lost = seen.ends(), self.whole.summary["log_failures"]
         words = ", ".join(f"{name} {first} to {last}" for name, (first, last) in ends.items())
         same = all(last <= first for first, last in ends.values())
         checks = [
@@ -188,15 +177,13 @@ class Soak:
             Check("threads and files", "no more at the end", words, same),
             Check("log", "every line written", f"{lost} lost", not lost),
         ]
-        grown = self.growth
-        if grown is not None:
+        if grown := self.growth:
             found = (
                 f"{growth_words(grown)}, {grown['mb_per_day']:+.2f} MB a day; "
                 f"{grown['last_bytes'] / 1e6:.1f} MB at the end"
             )
-            checks.append(
-                Check("memory", "no growth within the interval", found, grown["low"] <= 0)
-            )
+            asked = "no growth within the interval"
+            checks.append(Check("memory", asked, found, grown["low"] <= 0))
         return checks
 
     def _times(self) -> list[Check]:
@@ -216,7 +203,6 @@ class Soak:
         return checks
 
     def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
         whole, bare, seen = self.whole, self.bare, self.whole.attendant
         return {
             "holds": self.holds,

@@ -126,42 +126,40 @@ def read(packets: list[Packet], codec: str) -> Iterator[tuple[float, Reading]]:
 
 @dataclass
 class Counted:
-    """What came of captures."""
+    """What came of streams."""
 
-    captures: int = 0
+    streams: int = 0
     sent: int = 0  # pictures
     whole: int = 0  # pictures delivered, bit for bit as the lossless stream decodes to
     missing: int = 0  # readings without a picture
     damaged: int = 0  # pictures delivered that are not what was sent
     first_s: list[float] = field(default_factory=list)
-    """From the first packet of the first key picture that came whole to the first picture."""
+    """From the first packet of a stream, or of its first whole key picture, to the first one."""
     worst: tuple[int, tuple[str, ...]] | None = None
+
+    def take(self, picture: U8 | None, truth: dict[int, U8]) -> None:
+        """Count a reading: it is whole where it is, in every pixel, the one whose number it has."""
+        self.missing += picture is None
+        if picture is not None:
+            expected = truth.get(-1 if (number := number_of(picture)) is None else number)
+            whole = expected is not None and picture.tobytes() == expected.tobytes()
+            self.whole, self.damaged = self.whole + whole, self.damaged + (not whole)
 
     def count(self, seed: int, case: Case) -> None:
         """Read one capture."""
-        self.captures += 1
+        self.streams += 1
         self.sent += len({packet.number for packet in case.whole} - {None})
         first = None
         for at, reading in read(case.packets, case.codec):
-            if reading.picture is None:
-                self.missing += 1
-                continue
-            first = at if first is None else first
-            picture = reading.picture.to_ndarray(format="yuv420p")
-            if equal(picture, case.truth):
-                self.whole += 1
-            else:
-                self.damaged += 1
-                self.worst = self.worst or (seed, case.faults)
+            shown = reading.picture
+            if shown is not None and first is None:
+                first = at
+            self.take(None if shown is None else shown.to_ndarray(format="yuv420p"), case.truth)
+            if self.damaged and self.worst is None:
+                self.worst = seed, case.faults
         alone = not {"restart", "second stream", "other size", "reorder"} & set(case.faults)
         if alone and first is not None and (began := first_key(case)) is not None:
             self.first_s.append(first - began)
-
-
-def equal(picture: U8, truth: dict[int, U8]) -> bool:
-    """Whether a picture is, in every pixel, the one whose number it carries."""
-    expected = truth.get(-1 if (number := number_of(picture)) is None else number)
-    return expected is not None and picture.tobytes() == expected.tobytes()
 
 
 def first_key(case: Case) -> float | None:
@@ -182,7 +180,6 @@ def first_key(case: Case) -> float | None:
 
 
 def count_captures(captures: int, first: int = 0) -> Counted:
-    """Draw so many captures, and read them."""
     counted = Counted()
     for seed in range(first, first + captures):
         counted.count(seed, draw_case(seed))

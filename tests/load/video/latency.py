@@ -10,7 +10,6 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
-import numpy as np
 import psutil
 
 from tests.inference.sources.video.encoding import decoder_of, encode, open_encoder
@@ -19,6 +18,7 @@ from tests.inference.sources.video.packets import annex_b, nal_units, rtp_packet
 from tests.inference.sources.video.pictures import i420
 from tests.inference.sources.video.senders import ROOT, Film, Sender, free_port
 from tests.load.program import ended, program
+from tests.load.report import percentiles
 from tests.load.soak.feed import datagram, receiver
 from tokt.features.common.errors import ToktError
 from tokt.inference.outputs.udp import decode
@@ -46,8 +46,8 @@ def latency(way: str, times_ms: list[float], cpu_share: float | None = None) -> 
     """Sum up; ToktError where there is nothing."""
     if not times_ms:
         raise ToktError(f"{way}: no picture came")
-    median, p99 = np.percentile(times_ms, (50, 99))
-    return Latency(way, float(median), float(p99), len(times_ms), cpu_share)
+    found = percentiles(times_ms, median_ms=50, p99_ms=99)
+    return Latency(way, **found, count=len(times_ms), cpu_share=cpu_share)
 
 
 def bare_codec(film: Film, pictures: int) -> Latency:

@@ -4,7 +4,6 @@ import random
 import socket
 import threading
 import time
-from dataclasses import dataclass, field
 
 from tests.inference.sources.video.encoding import decoded, encode
 from tests.inference.sources.video.network import Network
@@ -15,27 +14,14 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.sources.open import open_camera_source
 
-from .captures import equal
+from .captures import Counted
 
 _FRAMES, _KEY_EVERY, _SIZES = 30, 10, ((320, 240), (160, 96))
 _PAUSES_S = 0.0, 0.05, 0.3, 1.0
 _LOSSES = 0.0, 0.01, 0.05
 
 
-@dataclass
-class LiveCount:
-    """What came of the streams."""
-
-    streams: int = 0
-    sent: int = 0
-    whole: int = 0
-    missing: int = 0
-    damaged: int = 0
-    first_s: list[float] = field(default_factory=list)
-    """From the first packet of a stream to its first picture, where one came."""
-
-
-def count_live(streams: int, codec: str = "h264", seed: int = 1) -> LiveCount:
+def count_live(streams: int, codec: str = "h264", seed: int = 1) -> Counted:
     """Send so many streams to one port, one after the other, in real time."""
     films = [
         encode(codec, range(at * 100, at * 100 + _FRAMES), size, key_every=_KEY_EVERY)
@@ -44,7 +30,7 @@ def count_live(streams: int, codec: str = "h264", seed: int = 1) -> LiveCount:
     truth: dict[int, U8] = {}
     for film in films:
         truth |= dict(decoded(film, codec, "bgr24"))
-    port, counted = free_port(), LiveCount()
+    port, counted = free_port(), Counted()
     rng = random.Random(seed)
     lock, starts, ended = threading.Lock(), [0.0], threading.Event()
 
@@ -83,17 +69,11 @@ def count_live(streams: int, codec: str = "h264", seed: int = 1) -> LiveCount:
     try:
         for frame in source:
             now = time.monotonic()
-            if frame.left is None:
-                counted.missing += 1
-                continue
+            counted.take(frame.left, truth)
             with lock:
-                if starts[0]:
+                if frame.left is not None and starts[0]:
                     counted.first_s.append(now - starts[0])
                     starts[0] = 0.0
-            if equal(frame.left, truth):
-                counted.whole += 1
-            else:
-                counted.damaged += 1
     finally:
         ended.set()
         sender.join()

@@ -32,8 +32,6 @@ def telling_bundle(size: tuple[int, int], bitrate: int) -> bytes:
 
 @dataclass(frozen=True)
 class Told:
-    """Reads the number in a verdict's box."""
-
     size: tuple[int, int]
 
     def number(self, box: list[int] | None, newest: int) -> int | None:

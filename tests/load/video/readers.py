@@ -26,8 +26,6 @@ READERS = ("opencv", "pyav", "tokt")
 
 @dataclass(frozen=True)
 class Task:
-    """What is to be read."""
-
     reader: str
     url: str
     sdp: str = ""  # a file that says the same to OpenCV and PyAV

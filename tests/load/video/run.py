@@ -7,15 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tests.inference.sources.video.senders import Film, gst_rtp, rtsp
-from tests.load.report import Found, machine_words, table
+from tests.load.report import Found, machine_words, percentiles, table
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 from tokt.features.common.terminal import say
 
-from .captures import count_captures, judged_share
+from .captures import Counted, count_captures, judged_share
 from .latency import bare_codec, lossy_read, reader_latency, run_latency
 from .live import count_live
 from .readers import READERS
@@ -25,8 +23,6 @@ ALL = ("captures", "live", "share", "latency", "readers")
 
 @dataclass(frozen=True)
 class VideoSize:
-    """How much is measured."""
-
     captures: int = 10_000
     streams: int = 200  # live ones, half of each codec
     shares: int = 20  # captures at each bit rate
@@ -39,6 +35,7 @@ class VideoSize:
 
 
 MAX_BACK_S = 2.0
+_COUNTED = ("sent", "whole", "missing", "damaged")
 FULL = VideoSize()
 QUICK = VideoSize(
     captures=60,
@@ -89,32 +86,25 @@ def _faults(figures: dict[str, Any], whole: bool) -> Iterator[str]:
 
 
 def _captures(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
-    counted = count_captures(extent.captures)
-    found = asdict(counted) | {"first_s": _spread(counted.first_s)}
-    return found, [_counts("captures", counted.captures, found)]
+    return _counts("captures", count_captures(extent.captures))
 
 
 def _live(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
-    both = [count_live(extent.streams // 2, codec) for codec in ("h264", "h265")]
-    names = ("streams", "sent", "whole", "missing", "damaged")
-    found: dict[str, Any] = {name: sum(getattr(each, name) for each in both) for name in names}
-    found["first_s"] = _spread([time for each in both for time in each.first_s])
-    return found, [_counts("live streams", found["streams"], found)]
+    one, two = (count_live(extent.streams // 2, codec) for codec in ("h264", "h265"))
+    for name in ("streams", *_COUNTED, "first_s"):
+        setattr(one, name, getattr(one, name) + getattr(two, name))
+    return _counts("live streams", one)
 
 
-def _spread(times_s: list[float]) -> dict[str, float]:
-    if not times_s:
-        return {}
-    names = ("median", "p90", "p99", "max")
-    return dict(zip(names, np.percentile(times_s, (50, 90, 99, 100)).tolist(), strict=True))
-
-
-def _counts(what: str, many: int, found: dict[str, Any]) -> Any:
-    first = {name: f"{value:.2f}" for name, value in found["first_s"].items()}
-    row = [str(many), *(str(found[name]) for name in ("sent", "whole", "missing", "damaged"))]
+def _counts(what: str, counted: Counted) -> tuple[Any, list[Any]]:
+    first: dict[str, float] = {}
+    if times_s := counted.first_s:
+        first = percentiles(times_s, median=50, p90=90, p99=99, max=100)
+    found = {**asdict(counted), "first_s": first}
     headings = (what, "pictures sent", "whole", "missing", "damaged as whole", "first picture (s)")
-    words = ", ".join(f"{name} {value}" for name, value in first.items())
-    return table(headings, [[*row, words]], "first picture (s)")
+    words = ", ".join(f"{name} {value:.2f}" for name, value in first.items())
+    row = [*(str(found[name]) for name in ("streams", *_COUNTED)), words]
+    return found, [table(headings, [row], "first picture (s)")]
 
 
 def _share(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
@@ -126,10 +116,10 @@ def _share(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
     ]
     headings = ("codec", "loss", "Mbit/s", "packets a picture", "judged", "whole themselves")
     texts = [
-        [
+        (
             *(codec, f"{loss:.1%}", f"{share.bitrate / 1e6:g}", f"{share.packets_a_picture:.1f}"),
             *(f"{share.whole:.1%}", f"{share.intact:.1%}"),
-        ]
+        )
         for codec, loss, share in rows
     ]
     return [{"codec": c, "loss": p, **asdict(s)} for c, p, s in rows], [table(headings, texts)]
@@ -156,27 +146,19 @@ def _latency(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
 
 
 def _readers(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
-    found = {}
-    for loss in (0.0, *extent.losses):
-        for reader in READERS:
-            read = lossy_read(folder, reader, loss, extent.lossy, extent.pictures)
-            found[f"{reader}, {loss:.1%} lost"] = asdict(read)
+    found = {
+        f"{reader}, {loss:.1%} lost": asdict(
+            lossy_read(folder, reader, loss, extent.lossy, extent.pictures)
+        )
+        for loss in (0.0, *extent.losses)
+        for reader in READERS
+    }
     headings = ("reader", "pictures", "of them damaged", "said to be missing", "CPU s")
     texts = [
-        [
-            name,
-            *(str(one[key]) for key in ("pictures", "damaged", "missing")),
-            f"{one['cpu_s']:.1f}",
-        ]
+        (name, *(f"{one[key]:.4g}" for key in ("pictures", "damaged", "missing", "cpu_s")))
         for name, one in found.items()
     ]
     return list(found.items()), [table(headings, texts)]
 
 
-_PARTS = {
-    "captures": _captures,
-    "live": _live,
-    "share": _share,
-    "latency": _latency,
-    "readers": _readers,
-}
+_PARTS = dict(zip(ALL, (_captures, _live, _share, _latency, _readers), strict=True))
