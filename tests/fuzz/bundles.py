@@ -88,8 +88,6 @@ def check_usable(bundle: Bundle) -> None:
         assert np.isfinite(ks_distances(counts, known.counts)).all()
 
 
-# --- sound bundles to start from ---
-
 _OLDER = Path(__file__).parents[1] / "models" / "bundle"
 _LBP = {"name": "lbp", "version": 1, "points": 4, "radius": 1, "border": "patch"}
 _LEVELS = {"resize": "area_deep", "gray": "bt601", "smooth": 1, "gain": 2, "levels": 16}
@@ -100,7 +98,6 @@ _THREE = (*_TWO, ("sand", True))
 
 @cache
 def specs() -> tuple[dict[str, Any], ...]:
-    """Specs of extractors of each family."""
     plain = {"image": extractor_named("lbp").spec["image"]}
     haralick = _spec_of("haralick", version=2, ignore_zeros=True, scale="log", **plain)
     lines = _spec_of("lines", samples=[2, 4], image={**_LEVELS, "flatten": None})
@@ -211,9 +208,6 @@ def _with_hashes(text: bytes, members: Mapping[str, bytes]) -> bytes:
         return text
 
 
-# --- from the outside in ---
-
-
 def _zip(files: Files, rng: Random, others: Others) -> Files:
     return {FILE: changed_zip(_members_of(files[FILE]), rng)}
 
@@ -281,7 +275,6 @@ def _golden(files: Files, rng: Random, others: Others) -> Files:
 
 
 def _signature(files: Files, rng: Random, others: Others) -> Files:
-    """The one member that no hash covers."""
     text = changed_file(SIGNATURE, Signature("0" * 32, bytes(64)).to_bytes(), rng, others)
     return {FILE: zip_bytes({**_members_of(files[FILE]), SIGNATURE: text})}
 

@@ -69,7 +69,6 @@ class Kind:
 
 
 def sound(name: str, *contents: bytes | str) -> Callable[[], Sequence[Files]]:
-    """Sound inputs of one file each."""
     data = [one.encode() if isinstance(one, str) else one for one in contents]
     return lambda: [{name: one} for one in data]
 

@@ -45,9 +45,6 @@ def chance(rng: Random, percent: int) -> bool:
     return rng.randrange(100) >= 100 - percent  # 0, to which hypothesis shrinks, is no
 
 
-# --- bytes ---
-
-
 def _span(data: bytes, rng: Random) -> tuple[int, int]:
     start = rng.randrange(len(data) + 1)
     length = rng.choice((1, 2, 4, 8, 16, rng.randrange(1, 65), rng.randrange(1, len(data) + 2)))
@@ -92,8 +89,6 @@ def changed_bytes(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
     return data
 
 
-# --- JSON: other types, impossible numbers and texts, unknown keys, great depth ---
-
 _RAW = "\ue000raw:"
 """Begins a text that `text_of` writes without quotation marks: numbers that Python cannot hold."""
 _RAW_TEXT = re.compile(r'"\\ue000raw:((?:[^"\\]|\\.)*)"')
@@ -102,7 +97,6 @@ _FLOATS = (0.0, -0.0, 0.5, -1.5, 1e-320, 1e308, -1e308, math.nan, math.inf)
 
 
 def odd_value(rng: Random) -> Any:
-    """Any JSON value, rather a strange one."""
     text, kind = rng.choice(TEXTS), rng.randrange(12)
     if kind < 2:
         return text
@@ -121,7 +115,6 @@ def odd_value(rng: Random) -> Any:
 
 
 def _places(value: Any) -> list[tuple[Any, Any]]:
-    """Every (container, key) inside a value."""
     keys: Iterable[Any] = value if isinstance(value, dict) else ()
     if isinstance(value, list):
         keys = range(len(value))
@@ -129,7 +122,6 @@ def _places(value: Any) -> list[tuple[Any, Any]]:
 
 
 def _near(value: Any, rng: Random) -> Any:
-    """A value of the same type, most of the time."""
     text, odd = rng.choice(TEXTS), odd_value(rng)
     if isinstance(value, (int, float)):
         more = (value + 1, value - 1, -value, value * 1000, value * 1e-6, 0, 1 - value, not value)
@@ -185,9 +177,6 @@ def changed_text(value: Any, rng: Random, others: Sequence[Any] = ()) -> bytes:
         key = rng.choice(list(chosen)) if isinstance(chosen, dict) and chosen else "a"
         return b"{" + text_of(key) + b":" + text_of(odd_value(rng)) + b"," + text[1:]
     return text
-
-
-# --- whole files, as what they are ---
 
 
 def _changed_lines(data: bytes, rng: Random) -> bytes:

@@ -30,7 +30,6 @@ _HEAD = ("cases", "refused", "slowest ms", "memory MB")
 
 @pytest.fixture
 def box(tmp_path, monkeypatch, capfd):
-    """A box that this process lives in, with so much memory and no more."""
     with capfd.disabled():
         terminal = os.dup(2)
     box = Box(tmp_path, terminal)

@@ -83,7 +83,6 @@ def _odd_row(listed: list[zipfile.ZipInfo], rng: Random) -> None:
 
 
 def changed_zip(members: Mapping[str, bytes], rng: Random) -> bytes:
-    """A zip of these members, spoilt in one to five ways."""
     out = io.BytesIO()
     with warnings.catch_warnings(), zipfile.ZipFile(out, "w") as archive:
         warnings.simplefilter("ignore")  # of names that are there twice
@@ -107,8 +106,6 @@ def changed_zip(members: Mapping[str, bytes], rng: Random) -> bytes:
     data = bytes(found)
     return rng.choice((data, data, data, b"MZ" + data, data + b"\0" * 30, data + data))
 
-
-# --- the arrays of an npz file, and the headers they have ---
 
 _HEADERS = (
     "{'descr': '<f8', 'fortran_order': False, 'shape': (%s,), }",
@@ -138,7 +135,6 @@ def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
 
 
 def _npy_bytes(array: Any) -> bytes:
-    """The array as numpy writes it, pickled where it holds objects."""
     out = io.BytesIO()
     np.lib.format.write_array(out, np.asarray(array))
     return out.getvalue()
@@ -181,7 +177,6 @@ def _other_array(array: Any, rng: Random) -> Any:
 
 
 def changed_npz(data: bytes, rng: Random) -> bytes:
-    """An npz file of whose arrays one or two are not what they were."""
     sound = unpack(data)
     arrays = dict(sound)
     for _ in range(rng.choice((1, 1, 2))):
@@ -201,9 +196,6 @@ def changed_npz(data: bytes, rng: Random) -> bytes:
         else:
             return changed_zip(arrays, rng)
     return zip_bytes(arrays)
-
-
-# --- PNG ---
 
 
 @cache

@@ -110,7 +110,6 @@ def _labels(name: str) -> Kind:
 
 
 def _change_patches(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
-    """The manifest of a folder of patches, or also its folders, are not as they were."""
     manifest = next(path for path in files if path.endswith(".json"))
     changed = {**files, **change_one({manifest: files[manifest]}, rng, [b"{}"])}
     if chance(rng, 30):
@@ -131,9 +130,6 @@ def _import_labels(path: Path) -> object:
         assert not line_fault(line), line_fault(line)
     with LabelStore(path.with_name("labels.db")) as store:
         return store.add_counted(read.records)
-
-
-# --- the label store's own file ---
 
 
 @cache
@@ -159,9 +155,6 @@ def _read_database(path: Path) -> object:
         found = [*store.current(), *store.settled(), *store.stats(), *store.missions()]
         store.add(_records())
         return found
-
-
-# --- taxonomy, audit ---
 
 
 _TAXONOMY_JSON = sound("t.json", json.dumps(Taxonomy.load().to_json()))

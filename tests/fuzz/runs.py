@@ -46,15 +46,11 @@ _UNKNOWN = unknown_verdict(Fault(Reason.DARK, "too dark"))
 
 @cache
 def _reports() -> list[Report]:
-    """One that is clear, one with an obstacle, one that does not know."""
     mask = np.zeros((68, 90), np.uint8)
     clear = verdict_from_mask(mask, "texture", "m/1", None)
     mask[10:20, 30:50] = 255
     said = (clear, verdict_from_mask(mask, "texture", "m/1", 1.5), _UNKNOWN)
     return [Report(n, n, _T + n, 3.5, verdict, 4.25) for n, verdict in enumerate(said, 1)]
-
-
-# --- datagrams ---
 
 
 @cache
@@ -67,9 +63,6 @@ def _datagrams() -> list[Files]:
 def _read_datagram(path: Path) -> object:
     """Decode and show it as `tokt listen --json` does."""
     return json.dumps(decode(path.read_bytes()[:_MAX_DATAGRAM]), allow_nan=False)
-
-
-# --- what a link hears ---
 
 
 @cache
@@ -106,9 +99,6 @@ def _read_link(path: Path) -> object:
             for reader in readers:
                 reader.heard(data[at : at + 300])
     return state.place()
-
-
-# --- a run's log and its recording ---
 
 
 @cache
@@ -190,9 +180,6 @@ def _read_shadow(path: Path) -> object:
     return json.dumps(read_shadow(path).to_json(), allow_nan=False)
 
 
-# --- pictures of a mission or a camera ---
-
-
 @cache
 def _pictures() -> list[Files]:
     pixels = np.random.default_rng(3).integers(0, 255, (24, 32, 3), np.uint8)
@@ -210,9 +197,6 @@ def _read_picture(path: Path) -> object:
     picture = read_image(path)
     assert picture.dtype == np.uint8 and picture.ndim in (2, 3) and picture.size
     return picture
-
-
-# --- video ---
 
 
 @cache

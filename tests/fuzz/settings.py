@@ -77,8 +77,6 @@ def _read_matlab(path: Path) -> object:
     return check_calibration(read_matlab_numbers(path)).usable()
 
 
-# --- the space of a search, an extractor's spec in a file ---
-
 _OWN = b"""mine = "spec:mine.json"
 [extractors.fine]
 name = "moments"

@@ -53,9 +53,6 @@ def _active_label(folder: Path) -> None:
     assert Store(folder / stores.HOME).active().label == "fuzz/1"
 
 
-# --- is each defect seen? ---
-
-
 def _refusing(text: str) -> Callable[[Path], object]:
     def read(folder: Path) -> object:
         error = ToktError("short")
@@ -132,9 +129,6 @@ case.Box(pathlib.Path(sys.argv[1])).read(kind, {{"file": b"3"}})
     assert ended.returncode != 0
     assert words in ended.stderr and "in bad" in ended.stderr
     assert (tmp_path / "cwd" / "case" / "file").read_bytes() == b"3"
-
-
-# --- the message of every error ---
 
 
 @pytest.mark.parametrize("text", ["a\nb\r\tc", "\x1b[2J", "\ud800", "x" * 5000, "é\x00" * 900])

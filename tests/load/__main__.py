@@ -25,7 +25,6 @@ app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_
 
 
 def _end(found: Found, out: Path, json: bool) -> None:
-    """What each measurement ends with: its files, its tables or its JSON, its fault."""
     written = found.write(out)
     if json:
         print_json(found.figures)

@@ -25,8 +25,6 @@ def percentiles(values: Sequence[float], **asked: float) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Timing:
-    """Times of one thing that a person waits for."""
-
     name: str
     what: str  # from when to when, in words
     times_ms: Sequence[float]
@@ -54,8 +52,6 @@ class Timing:
 
 @dataclass(frozen=True)
 class Found:
-    """What a measurement has found."""
-
     name: str  # of its files
     figures: dict[str, Any]  # one JSON object
     report: Sequence[Table | str]  # the same, to be printed

@@ -70,7 +70,6 @@ class Installed:
         (self.packages / "others.pth").write_text("\n".join(others))
 
     def run(self, *command: object, given: str = "") -> str:
-        """What a command prints that ends well."""
         how = {"capture_output": True, "text": True, "timeout": MAX_S, "check": False}
         where = {"cwd": self.python.parent, "env": _environ()}  # outside of the checkout
         done = subprocess.run([str(part) for part in command], input=given, **how, **where)
@@ -78,7 +77,6 @@ class Installed:
         return done.stdout
 
     def start(self, folder: Path, words: Path, *arguments: object, **environ: str) -> Started:
-        """Start `tokt` in a folder; what it says goes to a file."""
         with words.open("wb") as sink:
             command = [self.python.with_stem("tokt"), *map(str, arguments)]
             where = {"cwd": folder, "env": {**_environ(), **environ}}

@@ -34,7 +34,6 @@ def environment(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def script(environment):
-    """What --show-completion prints for bash."""
     return said(environment, "bash", "-c", "tokt --show-completion; :")
 
 

@@ -30,9 +30,7 @@ log = "/srv/tokt/logs/dive.jsonl"
 
 
 def engine(*arguments, check=True):
-    done = subprocess.run(
-        [ENGINE, *map(str, arguments)], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([ENGINE, *map(str, arguments)], capture_output=True, text=True)
     assert done.returncode == 0 or not check, done.stderr
     return done.stdout.strip()
 
@@ -72,9 +70,8 @@ def test_it_judges_without_rights_and_ends_when_it_is_told(vessel):
 def test_it_is_healthy_while_receivers_hear_something(vessel):
     name, log = vessel
     until(log.is_file, lambda: engine("logs", name, check=False))
-    _, *healthy = json.loads(
-        engine("inspect", "--format", "{{json .Config.Healthcheck.Test}}", name)
-    )
+    asked = engine("inspect", "--format", "{{json .Config.Healthcheck.Test}}", name)
+    _, *healthy = json.loads(asked)
     engine("exec", name, *healthy)
     engine("kill", "--signal", "STOP", name)  # as one that hangs
     hung = subprocess.run([ENGINE, "exec", name, *healthy], check=False, capture_output=True)

@@ -48,8 +48,6 @@ os._exit(0)
 
 
 class Commands(ForkHost):
-    """Runs commands in forked children, and kills them where asked."""
-
     def run(self, *command, kill_after_s=None, begun=lambda: True):
         """Exit code, or minus the signal that ended it: so long after `begun` became true."""
         child = self.start(*command)
@@ -83,7 +81,6 @@ def moments(rng, duration_s, trials):
 
 
 def kill_until_hit(host, command, sound, rng, duration_s, trials=TRIALS, hits=1):
-    """Kill a command at `trials` moments, and at more until so many kills have hit."""
     for trial, moment in enumerate(moments(rng, duration_s, trials)):
         if trial >= trials and hits <= 0:
             return

@@ -55,7 +55,6 @@ def _without_ids(bundle):
 
 @pytest.fixture
 def elsewhere(trained, tmp_path):
-    """A workspace with the dataset and no registry."""
     for part in ("datasets", "cache"):
         shutil.copytree(trained / part, tmp_path / ".tokt" / part)
     return tmp_path / ".tokt"

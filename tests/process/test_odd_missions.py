@@ -149,16 +149,16 @@ def write_files(box, frames, mission):
     size = {"T_mm": np.array([[-300.0], [0], [0]]), "image_width": width, "image_height": height}
     store_parts(box / "rig.yml", camera | size)
     n = max(1, len(frames))
-    for name, first, last, classes in (
-        ("labels", 1, n, ("ocean", "subsea_installation")),
-        ("ocean", 1, n, ("ocean",)),
-        ("unsure", 1, n, ("unsure",)),
-        ("none", 1, 0, ()),
-        ("others", 900, 901, ("ocean", "subsea_installation")),
-    ):
+    ours, both = range(1, n + 1), ("ocean", "subsea_installation")
+    labelled = {"labels": (ours, both), "ocean": (ours, both[:1]), "unsure": (ours, ("unsure",))}
+    for name, (numbers, classes) in {
+        **labelled,
+        "none": ((), ()),
+        "others": ((900, 901), both),
+    }.items():
         rows = [
             [mission.stem, "left", frame, row, col, classes[row % len(classes)]]
-            for frame in range(first, last + 1)
+            for frame in numbers
             for row in (2, 7)
             for col in range(10)
         ]
@@ -171,21 +171,20 @@ def page_looked_at(port):
     ended, said = Event(), []
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
+    def status(path):
+        try:
+            with urlopen(f"http://127.0.0.1:{port}/{path}", timeout=MAX_S) as answer:
+                return answer.status
+        except HTTPError as error:
+            return error.code
+        except OSError:
+            return None  # it has not begun
+
     def look():
-        while not ended.wait(0.02):
-            try:
-                with urlopen(f"http://127.0.0.1:{port}/", timeout=MAX_S):
-                    break
-            except OSError:
-                continue
-        else:
-            return
-        for page in PAGES:
-            try:
-                with urlopen(f"http://127.0.0.1:{port}/api/{page}", timeout=MAX_S) as answer:
-                    said.append((page, answer.status))
-            except HTTPError as error:
-                said.append((page, error.code))
+        while not status(""):
+            if ended.wait(0.02):
+                return
+        said.extend((page, status(f"api/{page}") or 599) for page in PAGES)
         os.kill(os.getpid(), signal.SIGINT)
 
     thread = Thread(target=look)
@@ -200,7 +199,6 @@ def page_looked_at(port):
 
 
 def fault_of(command, ran):
-    """What is wrong with how a command ended, or nothing."""
     errors = [line for line in ran.err.splitlines() if line.startswith("tokt: error: ")]
     judged = command.startswith(("calibrate MISSION --check", "replay", "doctor"))
     if "Traceback" in ran.out + ran.err or "Warning: " in ran.err:

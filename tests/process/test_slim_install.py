@@ -27,7 +27,6 @@ def _run(*command):
 
 
 def _judged(python, bundle, mission, log):
-    """The log lines of a run over a mission."""
     about = ("--bundle", bundle, "--source", mission, "--log", log, "--log-values")
     done = _run(python, "-m", "tokt", "run", *about, "--format", "v2")
     assert done.returncode == 0, done.stderr

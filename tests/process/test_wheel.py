@@ -48,7 +48,6 @@ def _import_path(name):
 
 @pytest.fixture(scope="module")
 def product(git_files):
-    """The product's files that git holds, by their paths in the wheel."""
     if not git_files:
         pytest.skip("not a git checkout")
     placed = {_import_path(name): ROOT / name for name in git_files}
@@ -57,7 +56,6 @@ def product(git_files):
 
 @pytest.fixture(scope="module")
 def packed(wheel):
-    """The wheel's files, but for what it says of itself."""
     with zipfile.ZipFile(wheel) as archive:
         files = [name for name in archive.namelist() if not name.endswith("/")]
         names = [name for name in files if ".dist-info/" not in name]

@@ -80,7 +80,6 @@ def measure_effort(dives: Sequence[LabelledMission], most: int, stretches: int |
 
 
 def effort_of(stretch: Stretch, bundle: Path, unsure: bool, browser) -> LabellingEffort:
-    """Label a stretch without suggestions, and with those of a bundle."""
     labels = stretch.labels
     target = target_of(labels, stretch.held, unsure)
     effort = LabellingEffort(stretch.name, len(stretch.held), unsure)
@@ -117,7 +116,6 @@ def label_on_page(browser, mission, workspace, target: Target, model, obstacle) 
 
 
 def wrong_labels(workspace: Path, target: Target) -> list[str]:
-    """What a workspace's store holds and should not, or holds not and should."""
     with LabelStore(workspace / FILE_NAME, create=False) as store:
         held = labels_by_frame(store.current())
     nothing = [None] * DEFAULT_GRID.n_patches

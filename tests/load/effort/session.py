@@ -110,7 +110,6 @@ class LabelSession:
         )
 
     def _shown(self, first: int) -> list[int]:
-        """The frames on show once they are there, as `first` is the first of them."""
         self._boxes = dict(self._tab.until(_SHEET, first))
         self._tab.until(_LOADED, list(self._boxes))
         return list(self._boxes)
@@ -171,7 +170,6 @@ class LabelSession:
         return np.stack([[self._target[frame] for frame in frames], held[..., 0], held[..., 1]])
 
     def _wrong(self, frames: list[int], end: str) -> NDArray[np.object_]:
-        """The labels that are wanted where a key would leave others, FREE everywhere else."""
         wanted, own, hint = self._seen(frames)
         left = hint if end == ACCEPT else self._clear
         return np.where(wanted == np.where(own == FREE, left, own), FREE, wanted)

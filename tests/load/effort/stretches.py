@@ -38,7 +38,6 @@ def labels_by_frame(records: Sequence[LabelRecord]) -> dict[int, list[str | None
 
 
 def target_of(labels: Target, numbers: Sequence[int], unsure: bool) -> Target:
-    """What must be reproduced of some frames, with patches nobody was sure of or without."""
     free = () if unsure else (UNSURE,)
     return {
         number: [FREE if label in free else label for label in labels[number]] for number in numbers
@@ -54,8 +53,6 @@ def most_frequent_obstacle(labels: Target) -> str:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Frames in a row of one dive, to be labelled."""
-
     dive: LabelledMission
     held: list[int]
 

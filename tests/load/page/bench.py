@@ -114,16 +114,13 @@ def _measure_times(mission, extent, folder, browser) -> list[Timing]:
     full = folder / "full"
     count = label_all(full / FILE_NAME, long.name, extent.frames, ANNOTATOR)
     say(f"-- the page with {count:,} labels")
-    return empty + [
-        replace(
-            time, name=f"{time.name}_labelled", what=f"{time.what}; {count:,} labels in the store"
-        )
-        for time in _page_times(long, full, extent, browser, once=False)
-    ]
+    for time in _page_times(long, full, extent, browser, once=False):
+        what = f"{time.what}; {count:,} labels in the store"
+        empty.append(replace(time, name=f"{time.name}_labelled", what=what))
+    return empty
 
 
 def _page_times(mission, workspace, extent, browser, once) -> list[Timing]:
-    """The times on a mission, and `once` those to which labels make no difference."""
     repeats = extent.repeats
     with label_server(mission, workspace, "--annotator", ANNOTATOR) as url:
         times = [first_page(browser, url, repeats.loads)]
@@ -142,9 +139,9 @@ def _page_times(mission, workspace, extent, browser, once) -> list[Timing]:
 def label_report(found: Mapping[str, Any]) -> list[Table | str]:
     times, efforts = found["times"], found["effort"]
     frames = f", {found['frames']} frames of links to it" if found["frames"] else ""
+    tables = [_table_of_times(times)] * bool(times) + [_table_of_efforts(efforts)] * bool(efforts)
     return [
-        *([_table_of_times(times)] if times else []),
-        *([_table_of_efforts(efforts)] if efforts else []),
+        *tables,
         f"mission: {found['mission']}{frames}; {found['browser']}",
         machine_words(found),
         *(f"{effort['stretch']}: {text}" for effort in efforts for text in effort["wrong"]),

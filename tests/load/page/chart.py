@@ -38,7 +38,6 @@ def label_chart_png(times, efforts, about) -> bytes:
 
 
 def _draw_times(axes: Any, times: Sequence[Timing], rows: Any) -> None:
-    """A bar from the median to the judged percentile, and a mark for what is asked."""
     judged = [time.at(time.percentile) for time in times]
     axes.barh(rows, judged, 0.6, color=[_MISSED if t.holds is False else _KEPT for t in times])
     axes.plot([time.at(50) for time in times], rows, "|", color="white", ms=12)
@@ -52,7 +51,6 @@ def _draw_times(axes: Any, times: Sequence[Timing], rows: Any) -> None:
 
 
 def _draw_efforts(axes: Any, efforts: Sequence[LabellingEffort], rows: Any) -> None:
-    """Two bars a stretch: actions without suggestions and with, and a mark for what is asked."""
     counts = np.array([(each.without, each.with_model) for each in efforts]).T
     colors = [_MISSED if each.holds is False or each.wrong else _KEPT for each in efforts]
     axes.barh(rows - 0.2, counts[0], 0.36, color=_WITHOUT)

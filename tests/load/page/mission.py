@@ -16,7 +16,6 @@ _STORED_AT_ONCE = 100_000
 
 
 def copy_frames(mission: Mission, numbers: Iterable[int], target: Path) -> None:
-    """Make a mission of some left frames of another, under their own numbers."""
     for number in numbers:
         data, suffix = mission.encoded(number)
         folder = target / "Left"

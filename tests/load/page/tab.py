@@ -62,15 +62,12 @@ def middle_of(box: Box, cell: int) -> tuple[float, float]:
 class Tab:
     """A tab on the page's server; each has its own cache and storage.
 
-    All frames are taken to be of one size, and the picture is not zoomed. `settings` are those of
-    the page that a person would have made.
+    All frames are taken to be of one size, and the picture is not zoomed.
     """
 
-    def __init__(self, browser: Any, url: str, settings: dict[str, Any] | None = None) -> None:
+    def __init__(self, browser: Any, url: str) -> None:
         self._context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT})
         self._context.set_default_timeout(_MAX_MS)
-        stored = json.dumps(json.dumps(settings or {}))
-        self._context.add_init_script(f"localStorage.setItem('tokt.settings', {stored})")
         who = json.dumps(json.dumps({"who": ANNOTATOR}))
         self._context.add_init_script(f"localStorage.setItem('tokt.identity', {who})")
         self._context.add_init_script(_NOTE_KEYS)
@@ -114,12 +111,9 @@ class Tab:
         """When keys went down, ms on the tab's clock."""
         return list(self.page.evaluate("() => window.toktPressed"))
 
-    def frame_box(self) -> Box:
-        self._box = self._box or self.page.evaluate(_FRAME_BOX)
-        return self._box
-
     def click(self, cell: int) -> None:
-        self.page.mouse.click(*middle_of(self.frame_box(), cell))
+        self._box = self._box or self.page.evaluate(_FRAME_BOX)
+        self.page.mouse.click(*middle_of(self._box, cell))
 
     def until(self, script: str, arg: Any = None) -> Any:
         """Wait until a script, which may be asynchronous, gives something true, and return it."""
@@ -145,16 +139,12 @@ def chromium() -> Iterator[Any]:
     try:
         from playwright.sync_api import sync_playwright
     except ModuleNotFoundError:
-        raise ToktError(
-            "measuring the page needs Playwright (pip install playwright, or tokt's extra dev)"
-        ) from None
+        raise ToktError("measuring the page needs Playwright (tokt's extra dev)") from None
     with sync_playwright() as playwright:
         own = Path(playwright.chromium.executable_path)
         found = next((path for path in map(shutil.which, _NAMES) if path), None)
         if found is None and not own.is_file():
-            raise ToktError(
-                "no Chromium here (apt install chromium, or playwright install chromium)"
-            )
+            raise ToktError("no Chromium here (apt, or playwright install chromium)")
         browser = playwright.chromium.launch(executable_path=found or own, args=list(_ARGUMENTS))
         try:
             yield browser

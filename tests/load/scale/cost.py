@@ -38,7 +38,7 @@ def watched(command: Sequence[str]) -> dict[str, Cost]:
         process = subprocess.Popen(command, stdout=said, stderr=errors)
         try:
             while process.poll() is None:
-                usage.append((time.monotonic(), *_usage(process.pid)))
+                usage.append((time.monotonic(), *usage_of(process.pid)))
                 time.sleep(_POLL_S)
         finally:
             process.kill()
@@ -62,7 +62,7 @@ def cost_of(usage: F64, began: float, ended: float, **facts: Any) -> Cost:
     return {**times, "peak_mb": peak, "own_mb": peak_own, **facts}
 
 
-def _usage(pid: int) -> tuple[int, int, float]:
+def usage_of(pid: int) -> tuple[int, int, float]:
     """Bytes in memory, of them not of files, and processor seconds of a process and its own."""
     resident, own, cpu_s = 0, 0, 0.0
     with suppress(psutil.NoSuchProcess):

@@ -94,7 +94,6 @@ def run_scale_bench(extent: ScaleBenchSize) -> Found:
 
 
 def _measure(folder: Path, dives: Path, frames: int) -> dict[str, Cost]:
-    """The costs of every step on the first frames, in a folder of its own."""
     program = [sys.executable, "-m", "tests.load.scale.steps", str(folder), str(dives), str(frames)]
     costs: dict[str, Cost] = {}
     for steps in progress(_PROCESSES, len(_PROCESSES), f"steps for {frames} frames"):
@@ -111,7 +110,6 @@ def exponent(patches: Sequence[int], seconds: Sequence[float]) -> float | None:
 
 
 def _check_room(folder: Path, extent: ScaleBenchSize) -> None:
-    """Raise ToktError unless frames, datasets and feature tables will fit."""
     largest = max(extent.frames)
     pixels = extent.width**2 * 3 / 4
     tables = 2 * largest * DEFAULT_GRID.n_patches * extractor_named(EXTRACTOR).dim * 8

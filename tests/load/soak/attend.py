@@ -132,7 +132,6 @@ class Attendant:
 
 
 def summed(metrics: str) -> Counter[str]:
-    """What each metric on a page has come to, over all its labels."""
     found: Counter[str] = Counter()
     for family in text_string_to_metric_families(metrics):
         for sample in family.samples:

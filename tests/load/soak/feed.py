@@ -94,7 +94,6 @@ class Truth:
         self.worst = {**said, "kind": kind.name}
 
     def _compare(self, said: dict[str, Any], v1: bytes | None) -> None:
-        """Unknown has no datagram of v1; all others have the same one."""
         if said["status"] == UNKNOWN:
             self.found["different_v1"] += v1 is not None
             return
@@ -107,7 +106,6 @@ class Truth:
 
 
 def pictures(kinds: Iterable[int]) -> Iterator[U8 | None]:
-    """The picture of each frame of a plan; None where there is none."""
     draw: dict[FrameKind, Callable[[int], U8 | None]] = {
         FrameKind.WATER: water,
         FrameKind.NEAR: near,

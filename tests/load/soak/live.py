@@ -96,7 +96,6 @@ class LiveRuns:
 
 
 def _next_start(heard: socket.socket) -> float:
-    """The moment of the next datagram that begins a run."""
     while (data := datagram(heard, _SILENCE_S)) is not None:
         now = time.monotonic()
         if decode(data)["seq"] == 1:

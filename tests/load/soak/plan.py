@@ -79,7 +79,6 @@ QUICK = SoakSize(
 
 
 def plan(frames: int, seed: int = SEED) -> U8:
-    """The kinds of so many frames, by number; the first ones are clear water."""
     stretches = _stretches(np.random.default_rng(seed))
     kinds = chain.from_iterable(repeat(kind, length) for kind, length in stretches)
     return np.fromiter(islice(kinds, frames), np.uint8, frames)

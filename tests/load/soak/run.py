@@ -39,7 +39,6 @@ class Run:
 
 
 def whole_run(folder: Path, extent: SoakSize, models: Sequence[Bundle]) -> Run:
-    """Run to the end with everything around it. Raises ToktError if it fails."""
     (folder / "log").mkdir(parents=True)
     store = Store(folder / "store")
     store.deploy(models[0], "the first")
@@ -57,7 +56,6 @@ def whole_run(folder: Path, extent: SoakSize, models: Sequence[Bundle]) -> Run:
 
 
 def bare_run(folder: Path, extent: SoakSize, model: Bundle) -> Run:
-    """Run to the end with nothing around it. Raises ToktError if it fails."""
     folder.mkdir()
     (folder / "soak.tokt").write_bytes(model.data)
     return _run(folder, extent, ["--bundle", folder / "soak.tokt"])

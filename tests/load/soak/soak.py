@@ -31,7 +31,6 @@ _MODELS = 3
 
 
 def run_soak(extent: SoakSize) -> Found:
-    """Soak. Raises ToktError if a program of the soak fails."""
     if sys.platform == "win32":
         raise ToktError("the soak kills processes as only POSIX systems can")
     with tempfile.TemporaryDirectory(prefix="tokt-soak-") as name:

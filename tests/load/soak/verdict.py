@@ -74,8 +74,6 @@ def growth_words(grown: Mapping[str, Any]) -> str:
 
 
 class Check(NamedTuple):
-    """One thing that is asked of a soak."""
-
     name: str
     asked: str  # in words, as what was found
     found: str
@@ -84,8 +82,6 @@ class Check(NamedTuple):
 
 @dataclass(frozen=True)
 class Soak:
-    """All that was found."""
-
     whole: Run  # with everything around the loop
     bare: Run  # with nothing
     pauses: dict[str, Any]  # `LiveRuns.pauses`
@@ -94,13 +90,11 @@ class Soak:
 
     @cached_property
     def growth(self) -> dict[str, Any] | None:
-        """Of the whole run's memory; None where it was too short."""
         seen = self.whole.attendant
         return growth(seen.column("frames"), seen.column("resident"))
 
     @cached_property
     def latency(self) -> dict[str, dict[str, float]]:
-        """Percentiles, by what they are of; of frames that were judged."""
         times = {
             "age": self.whole.age_s,
             "round_trip": self.whole.round_trip_s,

@@ -45,8 +45,6 @@ def _film(codec: str, encoding: int, first: int) -> tuple[list[AccessUnit], dict
 
 @dataclass(frozen=True)
 class Case:
-    """A capture, and what may come of it."""
-
     codec: str
     packets: list[Packet]
     truth: dict[int, U8]
@@ -56,7 +54,6 @@ class Case:
 
 
 def draw_case(seed: int) -> Case:
-    """Some stream over some network."""
     rng = random.Random(seed)
     codec = rng.choice(("h264", "h265"))
     first, other = rng.randrange(len(_ENCODINGS)), rng.randrange(len(_ENCODINGS))
@@ -188,8 +185,6 @@ def count_captures(captures: int, first: int = 0) -> Counted:
 
 @dataclass(frozen=True)
 class Share:
-    """Pictures that are judged where packets are lost."""
-
     bitrate: int
     packets_a_picture: float
     whole: float  # share of the pictures

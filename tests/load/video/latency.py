@@ -10,7 +10,6 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
-import psutil
 
 from tests.inference.sources.video.encoding import decoder_of, encode, open_encoder
 from tests.inference.sources.video.network import Network
@@ -19,6 +18,7 @@ from tests.inference.sources.video.pictures import i420
 from tests.inference.sources.video.senders import ROOT, Film, Sender, free_port
 from tests.load.program import ended, program
 from tests.load.report import percentiles
+from tests.load.scale.cost import usage_of
 from tests.load.soak.feed import datagram, receiver
 from tokt.features.common.errors import ToktError
 from tokt.inference.outputs.udp import decode
@@ -43,7 +43,6 @@ class Latency:
 
 
 def latency(way: str, times_ms: list[float], cpu_share: float | None = None) -> Latency:
-    """Sum up; ToktError where there is nothing."""
     if not times_ms:
         raise ToktError(f"{way}: no picture came")
     found = percentiles(times_ms, median_ms=50, p99_ms=99)
@@ -88,20 +87,13 @@ def run_latency(folder: Path, camera: Sender, url: str, way: str, seconds: float
                 if began is None or now < began:
                     continue
                 if spent is None:
-                    spent = _cpu_s(process.pid)
+                    spent = usage_of(process.pid)[2]
                 number = told.number(verdict.get("box"), camera.stamps.last())
                 at = None if number is None else camera.stamps.of(number)
                 if at is not None:
                     times.append(1e3 * (now - at))
-            share = (_cpu_s(process.pid) - (spent or 0.0)) / seconds
+            share = (usage_of(process.pid)[2] - (spent or 0.0)) / seconds
     return latency(way, times, share)
-
-
-def _cpu_s(pid: int) -> float:
-    """CPU seconds of a process and of those that it started."""
-    process = psutil.Process(pid)
-    times = [each.cpu_times() for each in (process, *process.children(recursive=True))]
-    return float(sum(each.user + each.system for each in times))
 
 
 def read_by(task: Task, send: Callable[[], object] = lambda: None) -> Read:

@@ -38,8 +38,6 @@ class Task:
 
 @dataclass(frozen=True)
 class Read:
-    """What came of it."""
-
     latency_ms: list[float]  # from the encoder to the picture in BGR
     cpu_s: float  # of the whole process and of those it started
     pictures: int
@@ -95,7 +93,6 @@ _OPEN = {"opencv": _opencv, "pyav": _pyav, "tokt": _tokt}
 
 
 def read(task: Task) -> Read:
-    """Read until the last picture has come, or the time is over."""
     known = {}
     if task.film:
         frames = _OPEN["pyav" if task.reader == "tokt" else task.reader](task.film)

@@ -51,7 +51,6 @@ QUICK = VideoSize(
 
 
 def run_video_bench(extent: VideoSize, parts: tuple[str, ...] = ALL) -> Found:
-    """Measure. Raises ToktError if a program fails, or a part is none."""
     if sys.platform != "linux":
         raise ToktError("the cameras of this measurement are Linux programs")
     if unknown := set(parts) - set(ALL):

@@ -105,8 +105,6 @@ def run_view_bench(extent: ViewBenchSize) -> Found:
 
 
 class _Loop:
-    """The loop's round, one frame after the other, at a rate."""
-
     def __init__(self, rate: float) -> None:
         rng = np.random.default_rng(7)
         self._pictures = [_picture(rng) for _ in range(_PICTURES)]
