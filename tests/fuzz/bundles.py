@@ -53,8 +53,7 @@ from .containers import changed_npz, changed_png, changed_zip, npz_bytes, some_p
 
 FILE = "bundle.tokt"
 Others = Sequence[bytes]
-_MAX_DATAGRAM = 1472
-"""Bytes that fit an Ethernet frame behind the headers of IPv4 and UDP."""
+_MAX_DATAGRAM = 1472  # bytes that fit an Ethernet frame behind the headers of IPv4 and UDP
 
 
 def _read_bundle(folder: Path) -> Bundle:

@@ -18,18 +18,14 @@ from tokt.features.common.errors import ToktError
 
 from .changes import changed_file
 
-Files = dict[str, bytes]
-"""An input: its files, by path below the case's folder."""
+Files = dict[str, bytes]  # an input: its files, by path below the case's folder
 
-MAX_LINE = 1000
-"""Characters of an error message: a screen of it helps nobody."""
+MAX_LINE = 1000  # characters of an error message: a screen of it helps nobody
 HANG_S = 60.0
 """Seconds on the clock that a case may take: it needs some milliseconds on a quiet machine."""
-_MAX_MEMORY = 3 << 30
-"""Bytes of address space beyond what the process has when it begins."""
+_MAX_MEMORY = 3 << 30  # bytes of address space beyond what the process has when it begins
 
-EVIL = Path("/tmp/tokt-fuzz-evil")
-"""The absolute path that changed zip members name."""
+EVIL = Path("/tmp/tokt-fuzz-evil")  # the absolute path that changed zip members name
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _PATHS = {"os.mkdir": 1, "os.remove": 1, "os.rmdir": 1, "os.truncate": 1, "os.chmod": 1}
 _PATHS |= {"sqlite3.connect": 1, "os.rename": 2, "os.link": 2, "os.symlink": 2}

@@ -8,8 +8,7 @@ from collections.abc import Iterable, Sequence
 from random import Random
 from typing import Any
 
-LONGEST = 1 << 20
-"""Bytes; a change that makes more is cut there, so that a case stays quick."""
+LONGEST = 1 << 20  # bytes; a change that makes more is cut there, so that a case stays quick
 
 NUMBERS = (
     *("0", "-0", "-1", "1", "2", "3", "7", "64", "255", "256", "65535", "65536", "1000000"),
@@ -37,8 +36,7 @@ TEXTS = (
     "2016-04-20",
 )  # fmt: skip
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
-_TIMES = (1, 1, 1, 2, 2, 3, 4)
-"""How many changes are made to one input."""
+_TIMES = (1, 1, 1, 2, 2, 3, 4)  # how many changes are made to one input
 
 
 def chance(rng: Random, percent: int) -> bool:

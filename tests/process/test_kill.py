@@ -30,8 +30,7 @@ pytestmark = [
 ]
 TRIALS = 3
 
-NEW_REGISTRY = "new registry"
-"""What no command does alone: makes one in the folder that follows."""
+NEW_REGISTRY = "new registry"  # what no command does alone: makes one in the folder that follows
 PROGRAM = f"""
 import os, sys
 from pathlib import Path

@@ -26,8 +26,7 @@ from .stretches import (
     train_without,
 )
 
-ASKED = 60
-"""Actions with suggestions for `FRAMES` frames, unsure patches left as they come."""
+ASKED = 60  # actions with suggestions for `FRAMES` frames, unsure patches left as they come
 _LISTED = 5
 _SET_OBSTACLE = """async (value) => {
   const { post } = await import("/static/core/api.js");
@@ -46,8 +45,7 @@ class LabellingEffort:
     unsure: bool  # whether unsure patches, which nothing learns from, are reproduced too
     without: int = 0
     with_model: int = 0
-    against: int = 0
-    """Patches made clear by no stroke on them, where the model says obstacle."""
+    against: int = 0  # patches made clear by no stroke on them, where the model says obstacle
     wrong: list[str] = field(default_factory=list)
     """Patches whose stored label is not the one asked for, after the actions were performed."""
 

@@ -77,8 +77,7 @@ class LabelSession:
     def __init__(self, tab: Tab, target: Target, suggested: bool) -> None:
         taxonomy = Taxonomy.load()
         self.actions = 0
-        self.against = 0
-        """Patches made clear by no stroke on them, where the model says obstacle."""
+        self.against = 0  # patches made clear by no stroke on them, where the model says obstacle
         self._tab, self._suggested = tab, suggested
         self._target = {frame: np.array(labels, object) for frame, labels in target.items()}
         self._class_keys = {known.name: known.key for known in taxonomy.classes}

@@ -21,8 +21,7 @@ from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 from .session import FREE, Target
 
-FRAMES = 36
-"""Frames of a stretch; the rest of a dive is a shorter one."""
+FRAMES = 36  # frames of a stretch; the rest of a dive is a shorter one
 _GAP = 20  # frame numbers between two labelled frames that are of one stretch
 _EXTRACTOR, _PRESET = "haralick", "best"
 

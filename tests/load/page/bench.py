@@ -31,8 +31,7 @@ from .tab import ANNOTATOR, HEIGHT, WIDTH, Tab, chromium
 from .times import FIRST_FRAME, Repeats, acknowledging, first_page, jumps, live_update, stepping
 
 LABEL_FILE = "labels.csv"
-MAX_PICTURES = 300
-"""So many different pictures at most, each linked to over and over."""
+MAX_PICTURES = 300  # so many different pictures at most, each linked to over and over
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,8 @@ from tokt.training.evaluation.pictures import figure_png
 
 _KEPT, _MISSED, _WITHOUT, _ASKED = "#3b75af", "#c44e52", "#a0a0a0", "#dd8452"
 _DPI = 130
-_WIDTH, _ROW, _REST = 10.5, 0.42, 1.6
-"""Inches: the chart, a row, and titles and axis of a part."""
-_ROOM = 3.0
-"""Axis length over the longest bar: room for the figures at its end."""
+_WIDTH, _ROW, _REST = 10.5, 0.42, 1.6  # inches: the chart, a row, and titles and axis of a part
+_ROOM = 3.0  # axis length over the longest bar: room for the figures at its end
 
 
 def label_chart_png(times, efforts, about) -> bytes:
@@ -43,9 +41,8 @@ def _draw_times(axes: Any, times: Sequence[Timing], rows: Any) -> None:
     axes.plot([time.at(50) for time in times], rows, "|", color="white", ms=12)
     words = [f"{time_ms:.3g} ms" for time_ms in judged]
     longest = _mark_asked(axes, rows, [time.asked_ms for time in times], judged, words)
-    axes.set_xscale("log")
-    axes.set_xlim(1, longest * _ROOM)
-    axes.set_xlabel("ms (bar: the percentile that is judged; white: median; diamond: asked)")
+    what = "ms (bar: the percentile that is judged; white: median; diamond: asked)"
+    axes.set(xscale="log", xlim=(1, longest * _ROOM), xlabel=what)
     axes.set_yticks(rows, [time.name for time in times])
     axes.set_title("waiting", loc="left", fontsize=10)
 
@@ -57,8 +54,8 @@ def _draw_efforts(axes: Any, efforts: Sequence[LabellingEffort], rows: Any) -> N
     axes.barh(rows + 0.2, counts[1], 0.36, color=colors)
     words = [f"{e.with_model}" + (", LABELS DIFFER" if e.wrong else "") for e in efforts]
     longest = _mark_asked(axes, rows, [e.asked for e in efforts], counts.max(0), words)
-    axes.set_xlim(0, 1.25 * longest)
-    axes.set_xlabel("keys, clicks and drags (grey: without suggestions; diamond: asked)")
+    what = "keys, clicks and drags (grey: without suggestions; diamond: asked)"
+    axes.set(xlim=(0, 1.25 * longest), xlabel=what)
     axes.set_yticks(rows, [e.stretch + (", unsure too" if e.unsure else "") for e in efforts])
     axes.set_title("labelling effort", loc="left", fontsize=10)
 

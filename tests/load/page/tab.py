@@ -11,8 +11,7 @@ from typing import Any
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 
-ANNOTATOR = "bench"
-"""Who labels in every tab."""
+ANNOTATOR = "bench"  # who labels in every tab
 FIRST, FRAME, ACK = "tokt:first", "tokt:frame", "tokt:ack"
 """Performance entries that the page makes: a mark, and two measures."""
 WIDTH, HEIGHT = 1280, 720
@@ -48,8 +47,7 @@ _COUNT = "name => performance.getEntriesByName(name).length"
 _START = "name => performance.getEntriesByName(name)[0].startTime"
 
 
-Box = Sequence[float]
-"""Left, top, width and height of a picture, in the window's pixels."""
+Box = Sequence[float]  # left, top, width and height of a picture, in the window's pixels
 
 
 def middle_of(box: Box, cell: int) -> tuple[float, float]:

@@ -9,13 +9,11 @@ from tests.load.report import WORST, Timing
 
 from .tab import ACK, FRAME, Tab
 
-FIRST_MS, FRAME_MS, ACK_MS, LIVE_MS = 1000.0, 50.0, 25.0, 2000.0
-"""What is asked for, in ms."""
+FIRST_MS, FRAME_MS, ACK_MS, LIVE_MS = 1000.0, 50.0, 25.0, 2000.0  # what is asked for, in ms
 STEP_KEY = "d"
 _BETWEEN_STEPS_MS, _BETWEEN_CLICKS_MS = 250, 200
 _LABEL_KEYS = ("1", "2")
-_PAINT_KEYS = ("u", "1")
-"""Nothing is unsure at first, so that every click changes something."""
+_PAINT_KEYS = ("u", "1")  # nothing is unsure at first, so that every click changes something
 _SEED = 1
 FIRST_FRAME = "#/label/left/1"
 
@@ -58,11 +56,11 @@ def first_page(browser: Any, url: str, loads: int) -> Timing:
 def stepping(tab: Tab, steps: int) -> list[Timing]:
     """Step forward at a person's pace, and then as fast as the page goes."""
     what = "key press to the next frame drawn with its labels"
-    fast = f"{what}, each as soon as the one before is drawn"
-    paced = Timing(
-        "next_frame", f"{what}, 4 a second", _steps(tab, steps, _BETWEEN_STEPS_MS), FRAME_MS
-    )
-    return [paced, Timing("next_frame_fast", fast, _steps(tab, steps, None), FRAME_MS)]
+    paced, fast = (_steps(tab, steps, pause_ms) for pause_ms in (_BETWEEN_STEPS_MS, None))
+    return [
+        Timing("next_frame", f"{what}, 4 a second", paced, FRAME_MS),
+        Timing("next_frame_fast", f"{what}, each once the one before is drawn", fast, FRAME_MS),
+    ]
 
 
 def _steps(tab: Tab, count: int, pause_ms: int | None) -> list[float]:

@@ -1,7 +1,5 @@
 """Time and memory of training, and their growth with the number of patches."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import tempfile
@@ -40,7 +38,7 @@ class ScaleBenchSize:
     width: int  # frame width in pixels
     story: int  # different frames; the rest are these again with other noise
 
-    def up_to(self, frames: int) -> ScaleBenchSize:
+    def up_to(self, frames: int) -> "ScaleBenchSize":
         """Each size a tenth of the next, `frames` the largest.
 
         Raises ToktError if these are too few to be split into folds.
@@ -73,18 +71,14 @@ def run_scale_bench(extent: ScaleBenchSize) -> Found:
             measured.append(_measure(folder, mission.path, frames))
             shutil.rmtree(folder)
     patches = [costs[BUILD]["patches"] for costs in measured]
+    steps = []
+    for name in measured[0]:
+        costs = [each[name] for each in measured]
+        sizes = [{"patches": count, **cost} for count, cost in zip(patches, costs, strict=True)]
+        growth = exponent(patches, [cost["seconds"] for cost in costs])
+        steps.append({"name": name, "exponent": growth, "sizes": sizes})
     found = {
-        "steps": [
-            {
-                "name": step,
-                "exponent": exponent(patches, [costs[step]["seconds"] for costs in measured]),
-                "sizes": [
-                    {"patches": count, **costs[step]}
-                    for count, costs in zip(patches, measured, strict=True)
-                ],
-            }
-            for step in measured[0]
-        ],
+        "steps": steps,
         "extent": asdict(extent),
         "bytes_a_frame": size / max(extent.frames),
         "extractor": EXTRACTOR,

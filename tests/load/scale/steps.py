@@ -30,8 +30,7 @@ from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 from .mission import DIVE_FRAMES, LABELS, NAME
 
-EXTRACTOR = "water_gray"
-"""The rendered frames have no colours."""
+EXTRACTOR = "water_gray"  # the rendered frames have no colours
 BUILD, ONE_JOB, TWO_JOBS = "build", "features_1_job", "features_2_jobs"
 FIT, TRAINING = "fit", "training"
 _SETTINGS = settings_named("water")

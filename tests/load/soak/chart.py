@@ -39,27 +39,24 @@ def _draw_latency(axes: Any, run: Run) -> None:
         values = [np.percentile(part, percentile) for part in parts]
         axes.plot(places, values, lw=1.0, label=name)
     for event, (color, words) in _MARKS.items():
-        label: str | None = words
-        for name, number in run.happened:
-            if name == event:
-                axes.axvline(number, color=color, lw=0.7, ls=":", label=label)
-                label = None
-    axes.set_yscale("log")
-    _dress(axes, "frame", "arrival to report, ms", ncols=6, loc="upper right")
+        numbers = [number for name, number in run.happened if name == event]
+        whole = axes.get_xaxis_transform()
+        if numbers:
+            axes.vlines(numbers, 0, 1, color, ":", words, transform=whole, lw=0.7)
+    axes.set(xlabel="frame", ylabel="arrival to report, ms", yscale="log")
+    _dress(axes, ncols=6, loc="upper right")
 
 
 def _draw_memory(axes: Any, found: Soak) -> None:
     seen = found.whole.attendant
     frames, resident = seen.column("frames"), seen.column("resident")
     axes.plot(frames, resident / 1e6, lw=0.8, color="#3b75af")
-    grown = found.growth
-    if grown is not None:
-        ends = frames[-1] * (1 - np.linspace(0.8, 0, 2))
-        middle = (grown["first_bytes"] + grown["last_bytes"]) / 2 / 1e6
-        rise = grown["bytes_per_frame"] * (ends - ends.mean()) / 1e6
-        axes.plot(ends, middle + rise, color="black", lw=1.0, label=growth_words(grown))
-    axes.set_ylim(bottom=0)
-    _dress(axes, "frame", "memory, MB")
+    if grown := found.growth:
+        middle = frames[-1] * 0.6, (grown["first_bytes"] + grown["last_bytes"]) / 2e6
+        slope = grown["bytes_per_frame"] / 1e6
+        axes.axline(middle, slope=slope, color="black", lw=1.0, label=growth_words(grown))
+    axes.set(xlabel="frame", ylabel="memory, MB", ylim=(0, None))
+    _dress(axes)
 
 
 def _draw_tail(axes: Any, found: Soak) -> None:
@@ -69,15 +66,12 @@ def _draw_tail(axes: Any, found: Soak) -> None:
     words = f"{MAX_TAIL:g} x the median"
     axes.axvline(MAX_TAIL * median, color="0.3", lw=0.9, ls=":", label=words)
     axes.axhline(1e-3, color="0.3", lw=0.9, ls=":")
-    axes.set_xscale("log")
-    axes.set_xlim(left=median / 3)
-    axes.set_yscale("log")
-    _dress(axes, "arrival to report, ms", "part of frames that took longer")
+    axes.set(xlabel="arrival to report, ms", ylabel="part of frames that took longer")
+    axes.set(xscale="log", yscale="log", xlim=(median / 3, None))
+    _dress(axes)
 
 
-def _dress(axes: Any, x: str, y: str, **legend: Any) -> None:
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
+def _dress(axes: Any, **legend: Any) -> None:
     axes.grid(alpha=0.3)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8, frameon=False, **legend)

@@ -23,8 +23,7 @@ from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 from .plan import EXPECTED, FrameKind, number_of, time_of
 from .synthetic_frames import dark, near, water
 
-LOST_S = 60.0
-"""A datagram that is not here by then does not come, however busy the machine is."""
+LOST_S = 60.0  # a datagram that is not here by then does not come, however busy the machine is
 _MAX_DATAGRAM = 65535
 _CONNECT_S = 60.0
 _SAME = ("status", "x", "y")
@@ -82,15 +81,12 @@ class Truth:
         self.found[f"of_{kind.name.lower()}"] += 1
         if (said["status"], said["reason"]) == (status, reason):
             return
-        if said["status"] == CLEAR and status != CLEAR:
-            what = "wrong_clear"
-        elif said["status"] == OBSTACLE and status != OBSTACLE:
-            what = "wrong_obstacle"
-        elif said["status"] == UNKNOWN and said["reason"] == Reason.FROZEN:
-            what = "cautious"  # where the machine, not the runtime, was held up
-        else:
-            what = "other"
-        self.found[what] += 1
+        wrong = (
+            {CLEAR: "wrong_clear", OBSTACLE: "wrong_obstacle"} if said["status"] != status else {}
+        )
+        # Frozen, where the machine, not the runtime, was held up.
+        other = "cautious" if said["reason"] == Reason.FROZEN else "other"
+        self.found[wrong.get(said["status"], other)] += 1
         self.worst = {**said, "kind": kind.name}
 
     def _compare(self, said: dict[str, Any], v1: bytes | None) -> None:

@@ -1,7 +1,5 @@
 """The plan of a soak: its extent, the kind of each frame, and what has to be said of it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -17,22 +15,18 @@ from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 SEED = 7
 _EPOCH_S = 1_700_000_000.0
 _STEP_S = 1e-3
-_STRETCH = (300, 900)
-"""Frames of clear water between two things that happen."""
+_STRETCH = (300, 900)  # frames of clear water between two things that happen
 _REPEATS = Limits().frozen_repeats
 
 
 class FrameKind(IntEnum):
     WATER = 0
-    NEAR = 1
-    """Something can be hit."""
+    NEAR = 1  # something can be hit
     SAME = 2
     """Clear water, the very pixels of the frame before, as few times as a camera may give them."""
-    FROZEN = 3
-    """The same once more, and more often than that."""
+    FROZEN = 3  # the same once more, and more often than that
     DARK = 4
-    MISSING = 5
-    """The stream has no picture of it."""
+    MISSING = 5  # the stream has no picture of it
 
 
 EXPECTED: dict[FrameKind, tuple[int, Reason]] = {
@@ -68,7 +62,7 @@ class SoakSize:
     def last_exchange(self) -> int:
         return int(_LAST_EXCHANGE * self.frames)
 
-    def of(self, frames: int) -> SoakSize:
+    def of(self, frames: int) -> "SoakSize":
         return replace(self, frames=frames, bare_frames=min(self.bare_frames, frames))
 
 

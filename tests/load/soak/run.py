@@ -85,12 +85,6 @@ def _run(folder, extent, options, attendant_of=None) -> Run:
             out = process.stdout.read()
             if process.wait():
                 raise ended("run", process, said)
-        return Run(
-            extent=extent,
-            summary=json.loads(out),
-            heard={**feeder.truth.found, "unlike_the_plan": feeder.truth.worst},
-            age_s=feeder.age_s,
-            round_trip_s=feeder.round_trip_s,
-            attendant=attendant,
-            seconds=time.monotonic() - start,
-        )
+        heard = {**feeder.truth.found, "unlike_the_plan": feeder.truth.worst}
+        times = (feeder.age_s, feeder.round_trip_s)
+        return Run(extent, json.loads(out), heard, *times, attendant, time.monotonic() - start)

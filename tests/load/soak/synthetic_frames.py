@@ -22,8 +22,7 @@ from tokt.models.operating_point import MofNRule, OperatingPoint
 WIDTH, HEIGHT = 180, 135
 GRID = Grid(width=WIDTH)
 EXTRACTOR = Lbp(10, 5, "frame")
-PICTURES = 32
-"""Of each kind, to learn from."""
+PICTURES = 32  # of each kind, to learn from
 
 _LIGHT, _FALL, _CLOUDS = 60.0, 25.0, 4.0
 _COLOUR = (1.2, 1.0, 0.5)
@@ -31,10 +30,8 @@ _GREY, _ROUGH = 90.0, 30.0
 _SMOOTH, _NOISE = 6.0, 1.0
 """Pixels over which water is smooth, but for the noise of a sensor (grey levels); an obstacle is
 rough from one pixel to the next."""
-_ROWS, _COLS = 3, 5
-"""Patches that an obstacle covers."""
-_RULE_PATCHES = 3
-"""A single patch of water is taken for one now and then: the model is a plain one."""
+_ROWS, _COLS = 3, 5  # patches that an obstacle covers
+_RULE_PATCHES = 3  # a single patch of water is taken for one now and then: the model is a plain one
 _WINDOW, _FACTOR = 60, 16.0
 """Half of all patches may be another's before it is called drift: obstacles come and go here."""
 

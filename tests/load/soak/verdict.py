@@ -17,8 +17,7 @@ from tokt.inference.runtime import TICK_S
 from .attend import REFUSED, SWITCHED
 from .run import Run
 
-MAX_TAIL = 3.0
-"""The 99.9th percentile of the latency over its median, at most."""
+MAX_TAIL = 3.0  # the 99.9th percentile of the latency over its median, at most
 MARGIN_S = 0.15
 """By how much a heartbeat may be late at the receiver: a busy machine runs the thread that says it
 and the process that hears it a little later."""
@@ -27,8 +26,7 @@ PERCENTILES = {"median_ms": 50.0, "p99_ms": 99.0, "p99.9_ms": 99.9, "max_ms": 10
 WARM_UP = 0.2
 """Part of a run that memory is not judged on: buffers and windows fill, allocators settle."""
 BLOCKS = 20
-MIN_SAMPLES = 3 * BLOCKS
-"""After warm-up; fewer say nothing of a slope."""
+MIN_SAMPLES = 3 * BLOCKS  # after warm-up; fewer say nothing of a slope
 CONFIDENCE = 0.95
 CAMERA_FPS = 15.0
 _WRONG = ("wrong_clear", "wrong_obstacle", "no_such_frame", "other")

@@ -58,11 +58,8 @@ def draw_case(seed: int) -> Case:
     codec = rng.choice(("h264", "h265"))
     first, other = rng.randrange(len(_ENCODINGS)), rng.randrange(len(_ENCODINGS))
     units, truth = _film(codec, first, 0)
-    settings: dict[str, Any] = {
-        "mtu": rng.choice((120, 200, 400, 1400)),
-        "aggregate": rng.random() < 0.8,
-        "report_every": rng.choice((0, 10)),
-    }
+    settings: dict[str, Any] = {"mtu": rng.choice((120, 200, 400, 1400))}
+    settings |= {"aggregate": rng.random() < 0.8, "report_every": rng.choice((0, 10))}
     faults = []
     start = {"seq": rng.randrange(MAX_SEQ), "timestamp": rng.randrange(MAX_TIMESTAMP)}
     if rng.random() < 0.3:

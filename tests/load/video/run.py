@@ -38,15 +38,8 @@ MAX_BACK_S = 2.0
 _COUNTED = ("sent", "whole", "missing", "damaged")
 FULL = VideoSize()
 QUICK = VideoSize(
-    captures=60,
-    streams=4,
-    shares=1,
-    seconds=3.0,
-    pictures=210,
-    film=Film(size=(640, 480), kbit=3000),
-    lossy=Film(size=(320, 240), kbit=800),
-    bitrates=(1_000_000,),
-    losses=(0.01,),
+    *(60, 4, 1, 3.0, 210, Film(size=(640, 480), kbit=3000), Film(size=(320, 240), kbit=800)),
+    *((1_000_000,), (0.01,)),
 )
 
 

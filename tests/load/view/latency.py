@@ -34,8 +34,7 @@ from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes
 from tokt.models.linear import LinearModel
 
 NONE, VIEW, CLIENTS = "no view", "a view", "a view and its clients"
-ASKED = 0.05
-"""Part by which the median may grow."""
+ASKED = 0.05  # part by which the median may grow
 _WIDTH, _HEIGHT, _PICTURES = 1360, 1024, 12
 _STARTED_S = 60.0
 # Beside the loop only because there is no other computer here: it takes what nobody wants.
