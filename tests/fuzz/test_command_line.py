@@ -20,38 +20,36 @@ from .conftest import KINDS
 from .labels import write_mission, written
 
 _PROGRAM = "from tokt.cli import main; main()"
-_RUN = ("run", "--source", "dive", "--udp", "127.0.0.1:{port}")
+_RUN = "run --source dive --udp 127.0.0.1:{port}"
+_CALIBRATIONS = ("calibration.opencv", "calibration.bouguet", "calibration.printed")
 
-COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+COMMANDS: dict[str, tuple[tuple[str, ...], str]] = {
     "deploy": (
         ("bundle.zip", "bundle.fields", "bundle.arrays", "bundle.words", "bundle.golden"),
-        ("deploy", "{file}", "made/store", "--reason", "fuzz"),
+        "deploy {file} made/store --reason fuzz",
     ),
     "run --bundle": (
         ("bundle.bytes", "bundle.manifest", "bundle.fields", "bundle.spec", "bundle.words"),
-        (*_RUN, "--bundle", "{file}", "--policy", "texture", "--log", "made/run.jsonl"),
+        f"{_RUN} --bundle {{file}} --policy texture --log made/run.jsonl",
     ),
-    "run --store": (("store",), (*_RUN, "--store", "store", "--policy", "texture")),
-    "store": (("store",), ("store", "store", "--json")),
-    "rollback": (("store",), ("rollback", "store")),
+    "run --store": (("store",), f"{_RUN} --store store --policy texture"),
+    "store": (("store",), "store store --json"),
+    "rollback": (("store",), "rollback store"),
     "labels import": (
         tuple(f"labels.{name}" for name in NAMES),
-        ("labels", "import", "{top}", "--mission-dir", "dive", "--workspace", "made/ws"),
+        "labels import {top} --mission-dir dive --workspace made/ws",
     ),
     "labels import --taxonomy": (
         ("taxonomy.toml",),
-        ("labels", "import", "sound/labels.csv", "--taxonomy", "{file}", "--workspace", "made/ws"),
+        "labels import sound/labels.csv --taxonomy {file} --workspace made/ws",
     ),
     "calibrate --check": (
-        ("calibration.opencv", "calibration.bouguet", "calibration.printed", "calibration.mat"),
-        ("calibrate", "dive", "--check", "--calibration", "{file}"),
+        (*_CALIBRATIONS, "calibration.mat"),
+        "calibrate dive --check --calibration {file}",
     ),
-    "run --calibration": (
-        ("calibration.opencv", "calibration.bouguet", "calibration.printed"),
-        (*_RUN, "--policy", "disparity", "--calibration", "{file}"),
-    ),
-    "replay": (("run log", "recording"), ("replay", "{top}", "--bundle", "sound.tokt")),
-    "shadow": (("shadow log",), ("shadow", "{file}", "--json")),
+    "run --calibration": (_CALIBRATIONS, f"{_RUN} --policy disparity --calibration {{file}}"),
+    "replay": (("run log", "recording"), "replay {top} --bundle sound.tokt"),
+    "shadow": (("shadow log",), "shadow {file} --json"),
 }
 """Kinds that a command is given, and its arguments: `file` is the input's, `top` its first part."""
 
@@ -80,7 +78,7 @@ def _tree(box: Path) -> set[tuple[Path, int, int]]:
     return {(path, path.stat().st_size, path.stat().st_mtime_ns) for path in kept}
 
 
-def _call(box: Path, files: Files, arguments: tuple[str, ...], port: int) -> str:
+def _call(box: Path, files: Files, arguments: str, port: int) -> str:
     """Run a command in a box of its own; its refusal, empty where it did what was asked for.
 
     Beside the input lie a mission of two pairs, a sound bundle and a sound label file.
@@ -97,7 +95,7 @@ def _call(box: Path, files: Files, arguments: tuple[str, ...], port: int) -> str
     write_files({**sound, **files}, cwd)
     file = max(files)
     names = {"file": file, "top": file.partition("/")[0], "port": port}
-    given = [argument.format(**names) for argument in arguments]
+    given = [argument.format(**names) for argument in arguments.split()]
     before = _tree(box)
     places = {"HOME": str(box / "home"), "TMPDIR": str(box / "tmp")}
     ran = run_python("-P", "-c", _PROGRAM, *given, folder=cwd, **places)

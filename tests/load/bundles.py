@@ -11,13 +11,12 @@ from tokt.features.extractors.extractor import Extractor
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import BundleContent
 from tokt.models.linear import LinearModel
+from tokt.training.fitting.classifier import fit_classifier, linear_model
+from tokt.training.fitting.presets import Hyperparameters, settings_named
 
 
 def learnt(rows: F64, obstacle: I64) -> LinearModel:
     """A plain model of rows of features, and of which of them are an obstacle."""
-    from tokt.training.fitting.classifier import fit_classifier, linear_model
-    from tokt.training.fitting.presets import Hyperparameters, settings_named
-
     pipeline = fit_classifier(rows, obstacle, Hyperparameters(1.0), settings_named("plain"))
     return linear_model(pipeline, ("ocean", "other"), (False, True))
 

@@ -61,11 +61,10 @@ class Found:
     def write(self, out: Path) -> Path:
         """Write figures and chart into a folder; the file that a person looks at."""
         text = json.dumps(self.figures, indent=2, ensure_ascii=False, allow_nan=False)
-        atomic.write_text(out / f"{self.name}.json", text + "\n")
-        if self.chart is None:
-            return out / f"{self.name}.json"
-        atomic.write_bytes(out / f"{self.name}.png", self.chart)
-        return out / f"{self.name}.png"
+        atomic.write_text(file := out / f"{self.name}.json", text + "\n")
+        if self.chart is not None:
+            atomic.write_bytes(file := out / f"{self.name}.png", self.chart)
+        return file
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], *folded: str) -> Table:

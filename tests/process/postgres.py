@@ -31,17 +31,17 @@ def _programs() -> Path:
 @contextmanager
 def postgres() -> Iterator[str]:
     """Start one; the URI of its database, with user and password."""
-    programs = _programs()
+    programs, port = _programs(), free_port()
     as_user: dict[str, Any] = {}
     # Its user cannot look into the tests' own folder.
-    folder, port = Path(tempfile.mkdtemp(prefix="tokt-postgres-", dir="/tmp")), free_port()
-    if os.geteuid() == 0:
-        as_user = {"user": _USER, "group": _USER, "extra_groups": []}
-        shutil.chown(folder, _USER, _USER)
-    data, word, log = folder / "data", folder / "password", folder / "log"
-    word.write_text(PASSWORD)
-    word.chmod(0o644)
-    try:
+    with tempfile.TemporaryDirectory(prefix="tokt-postgres-", dir="/tmp") as name:
+        folder = Path(name)
+        if os.geteuid() == 0:
+            as_user = {"user": _USER, "group": _USER, "extra_groups": []}
+            shutil.chown(folder, _USER, _USER)
+        data, word, log = folder / "data", folder / "password", folder / "log"
+        word.write_text(PASSWORD)
+        word.chmod(0o644)
         create = [programs / "initdb", "-D", data, "-U", "tokt", "-A", "scram-sha-256"]
         create += ["--pwfile", word, "-N", "-E", "UTF8", "--no-locale"]
         made = subprocess.run(create, cwd=folder, capture_output=True, text=True, **as_user)
@@ -59,8 +59,6 @@ def postgres() -> Iterator[str]:
         finally:
             server.send_signal(signal.SIGINT)  # clients are sent away
             server.wait(MAX_S)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _answers(uri: str, server: "subprocess.Popen[bytes]", log: Path) -> bool:

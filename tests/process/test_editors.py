@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import jedi
@@ -38,29 +37,25 @@ NAMES = {  # a name of each room, and the file that defines it
 }
 
 
-@dataclass(frozen=True)
-class Install:
-    python: Path
-    package: Path
-
-
 @pytest.fixture(scope="module", params=["editable", "wheel"])
 def install(request, tmp_path_factory):
+    """A Python in which tokt is installed, and the folder of the package."""
     if request.param == "wheel":
         made = Installed(request.getfixturevalue("wheel"), tmp_path_factory.mktemp("w") / "venv")
-        return Install(made.python, made.packages / "tokt")
+        return made.python, made.packages / "tokt"
     if Path(tokt.__file__).parent != ROOT / "src/tokt":
         pytest.skip("tokt is not installed from this checkout")
-    return Install(Path(sys.executable), ROOT / "src/tokt")
+    return Path(sys.executable), ROOT / "src/tokt"
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_jedi_goes_to_the_definition(name, install):
     module, _, word = name.rpartition(".")
-    environment = jedi.create_environment(install.python, safe=False)
+    python, package = install
+    environment = jedi.create_environment(python, safe=False)
     script = jedi.Script(f"from {module} import {word}\n{word}", environment=environment)
     (definition,) = script.goto(line=2, column=0, follow_imports=True)
-    assert definition.module_path == install.package / NAMES[name]
+    assert definition.module_path == package / NAMES[name]
     assert definition.name == word and definition.line > 1
 
 
@@ -79,7 +74,7 @@ def test_a_type_checker_knows_the_types_of_a_users_program(
     monkeypatch.setenv("MYPY_CACHE_DIR", str(tmp_path_factory.getbasetemp() / "mypy"))
     for name, program in (("right.py", PROGRAM), ("wrong.py", WRONG)):
         (tmp_path / name).write_text(program, "utf-8")
-    command = [sys.executable, *CHECKERS[checker], install.python, "right.py", "wrong.py"]
+    command = [sys.executable, *CHECKERS[checker], install[0], "right.py", "wrong.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     said = done.stdout + done.stderr
     assert done.returncode == 1 and "wrong.py:12" in said and "right.py" not in said, said

@@ -5,13 +5,13 @@ import shutil
 import subprocess
 import sys
 import time
-import zipfile
 
 import mlflow
 import pytest
 
 from tests.calls import call_tokt, refused, succeeds
 from tests.fixtures import TRAIN_TINY, draw_tiny_frame
+from tests.models.parts import unpack
 from tests.models.registry.serving import mlflow_serves
 from tests.process.postgres import PASSWORD, create_database, postgres
 from tests.waiting import MAX_S
@@ -40,8 +40,7 @@ def server(tmp_path_factory):
 
 def _without_ids(bundle):
     """A bundle's members, with the names that MLflow drew for run and model left out."""
-    with zipfile.ZipFile(bundle) as members:
-        content = {name: members.read(name) for name in members.namelist()}
+    content = unpack(bundle.read_bytes())
     manifest = json.loads(content.pop("manifest.json"))
     ids = [manifest["provenance"].pop(name) for name in ("mlflow_run_id", "mlflow_model_id")]
     assert len(set(ids)) == 2 and all(ids)

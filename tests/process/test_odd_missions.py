@@ -151,11 +151,8 @@ def write_files(box, frames, mission):
     n = max(1, len(frames))
     ours, both = range(1, n + 1), ("ocean", "subsea_installation")
     labelled = {"labels": (ours, both), "ocean": (ours, both[:1]), "unsure": (ours, ("unsure",))}
-    for name, (numbers, classes) in {
-        **labelled,
-        "none": ((), ()),
-        "others": ((900, 901), both),
-    }.items():
+    labelled |= {"none": ((), ()), "others": ((900, 901), both)}
+    for name, (numbers, classes) in labelled.items():
         rows = [
             [mission.stem, "left", frame, row, col, classes[row % len(classes)]]
             for frame in numbers

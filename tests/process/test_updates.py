@@ -4,7 +4,6 @@ import io
 import json
 import shutil
 import sqlite3
-import zipfile
 from contextlib import closing
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.calls import call_tokt, refused, succeeds
+from tests.models.parts import unpack
 
 KEPT = Path(__file__).with_name("files_of_0_1_0.tar.xz")
 WORK = ("--workspace", "work")
@@ -23,11 +23,6 @@ def old(tmp_path, monkeypatch):
     shutil.unpack_archive(KEPT, tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def members(bundle):
-    with zipfile.ZipFile(bundle) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
 
 
 def lines(log):
@@ -45,8 +40,9 @@ def test_its_labels_and_datasets_are_read(old):
 @pytest.mark.parametrize("number", [1, 2])
 def test_its_models_are_exported_as_they_were(old, number):
     """The card's words have changed, and with them what the manifest says of it."""
+    kept = f"tower-{number}.tokt"
     succeeds("export", f"tower/{number}", "-o", "again.tokt", *WORK)
-    before, after = members(old / f"tower-{number}.tokt"), members(old / "again.tokt")
+    before, after = (unpack((old / name).read_bytes()) for name in (kept, "again.tokt"))
     arrays = {name for name in before if name.endswith(".npz")}
     assert len(arrays) > 2
     for name in arrays:

@@ -3,7 +3,6 @@
 An editable install hides what a wheel lacks: it finds every file of the checkout.
 """
 
-import http.client
 import json
 import re
 import shutil
@@ -13,11 +12,11 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from contextlib import closing
 from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path, PurePosixPath
-from urllib.parse import urljoin, urlsplit
+from urllib.parse import urljoin
+from urllib.request import urlopen
 
 import psutil
 import pytest
@@ -196,19 +195,16 @@ def test_the_page_serves_every_file_and_no_other_is_asked_for(start, product, ti
     }
     kinds = {".js": "text/javascript", ".css": "text/css", ".html": "text/html"}
     asked = set()
-    port = urlsplit(found[0]).port
-    with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=MAX_S)) as connection:
-        for url, file in {**files, "/": product[index]}.items():
-            connection.request("GET", url)
-            answer = connection.getresponse()
+    for url, file in {**files, "/": product[index]}.items():
+        with urlopen(urljoin(found[0], url), timeout=MAX_S) as answer:
             assert (answer.status, answer.read()) == (200, file.read_bytes()), url
-            text = file.read_text("utf-8")
-            if file.suffix in kinds:
-                assert answer.headers.get_content_type() == kinds[file.suffix], url
-            if file.suffix == ".html":
-                asked.update(re.findall(r'\b(?:src|href)="(/[^"]*)"', text))
-            if file.suffix == ".js":
-                asked.update(urljoin(url, FILLED_IN.sub("*", one)) for one in MODULE.findall(text))
+        text = file.read_text("utf-8")
+        if file.suffix in kinds:
+            assert answer.headers.get_content_type() == kinds[file.suffix], url
+        if file.suffix == ".html":
+            asked.update(re.findall(r'\b(?:src|href)="(/[^"]*)"', text))
+        if file.suffix == ".js":
+            asked.update(urljoin(url, FILLED_IN.sub("*", one)) for one in MODULE.findall(text))
     del files["/static/index.html"]  # asked for as /
     assert [url for url in sorted(asked) if not any(fnmatch(one, url) for one in files)] == []
     assert [one for one in sorted(files) if not any(fnmatch(one, url) for url in asked)] == []

@@ -36,8 +36,8 @@ _SHEET = """(first) => {
   const waits = thumbs.some((thumb) => thumb.classList.contains("loading"));
   if (waits || thumbs[0]?.dataset.frame !== String(first)) return null;
   return thumbs.map((thumb) => {
-    const box = thumb.querySelector("canvas").getBoundingClientRect();
-    return [Number(thumb.dataset.frame), [box.left, box.top, box.width, box.height]];
+    const { left, top, width, height } = thumb.querySelector("canvas").getBoundingClientRect();
+    return [Number(thumb.dataset.frame), [left, top, width, height]];
   });
 }"""
 _LOADED = """async (frames) => {
@@ -54,8 +54,6 @@ _HELD = """async (frames) => {
     return labelsOf("left", frame).mine.map((own, cell) => [own, hints[cell]?.label ?? null]);
   });
 }"""
-
-
 _AGAINST = """async (frames) => {
   const { mission } = await import("/static/core/mission.js");
   const { labelsOf, prefetch } = await import("/static/saving/labels.js");
@@ -161,10 +159,7 @@ class LabelSession:
         return min(plans)[2]
 
     def _seen(self, frames: list[int]) -> NDArray[np.object_]:
-        """Label wanted, own label and suggestion of each patch, as the page has them now.
-
-        Each of shape (frames, patches).
-        """
+        """Label wanted, own label and suggestion, as the page has them: (3, frames, patches)."""
         held = np.array(self._tab.page.evaluate(_HELD, frames), object)
         return np.stack([[self._target[frame] for frame in frames], held[..., 0], held[..., 1]])
 

@@ -45,8 +45,6 @@ _IS_DRAWN = """([name, frame]) =>
 _MORE = "([name, known]) => performance.getEntriesByName(name).length > known"
 _COUNT = "name => performance.getEntriesByName(name).length"
 _START = "name => performance.getEntriesByName(name)[0].startTime"
-
-
 Box = Sequence[float]  # left, top, width and height of a picture, in the window's pixels
 
 

@@ -26,12 +26,8 @@ without those; and what else the step said of itself."""
 def watched(command: Sequence[str]) -> dict[str, Cost]:
     """Run a program that prints ``{"step": NAME, "began": ..., "ended": ...}`` after each step.
 
-    Its times are of `time.monotonic`; what else is in the line are the step's facts.
-
-    Raises
-    ------
-    ToktError
-        If it ends with an error; its own last words are passed on.
+    Its times are of `time.monotonic`; what else is in the line are the step's facts. Raises
+    ToktError with its own last words if it ends with an error.
     """
     usage = [(0.0, 0, 0, 0.0)]
     with TemporaryFile("w+") as said, TemporaryFile("w+") as errors:

@@ -54,11 +54,8 @@ class Attendant:
     """Looks at a run as often as asked and exchanges its model, in a thread, while a block lasts.
 
     Its metrics are on 127.0.0.1 at `port`. `asked` counts what `exchanges` were to lead to. What
-    each look saw is one of `samples`: ``at_s``
-    (`time.monotonic`), ``frames`` judged so far and ``models`` taken over or refused so far (by its
-    own metrics), ``resident`` bytes in memory, how many ``threads`` and ``files`` it has open, and
-    how long its metrics took (``scrape_s``). `metrics` are those of the last look, each the sum
-    over its labels; `settled` says that every model was taken over or refused that was to be.
+    each look saw is one of `samples`; `metrics` are those of the last look, each the sum over its
+    labels; `settled` says that every model was taken over or refused that was to be.
     """
 
     def __init__(self, pid, port, exchanges, extent) -> None:

@@ -56,10 +56,7 @@ class Truth:
     def hear(self, number: int, data: bytes, v1: bytes | None) -> float | None:
         """Take the datagram that should be of a frame, and that of v1 sent just before, if one was.
 
-        Returns
-        -------
-        float or None
-            The frame's age in it, ms; None where it is of no such frame.
+        It gives the frame's age in it, ms; None where it is of no such frame.
         """
         self.found["datagrams"] += 1
         try:

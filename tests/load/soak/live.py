@@ -63,15 +63,9 @@ class LiveRuns:
             if process.returncode:
                 raise ended("run", process, self._folder / "said")
             summary = json.load(process.stdout)
-        wrong = sum(
-            said["status"] != UNKNOWN or said["reason"] not in _NO_FRAME for said in heartbeats
-        )
-        return {
-            "said": summary["heartbeats"],
-            "heard": len(heartbeats),
-            "wrong": wrong,
-            "silences_s": np.diff(times).tolist(),
-        }
+        unknown = [said["status"] == UNKNOWN and said["reason"] in _NO_FRAME for said in heartbeats]
+        counts = {"heard": len(heartbeats), "wrong": unknown.count(False)}
+        return {"said": summary["heartbeats"], **counts, "silences_s": np.diff(times).tolist()}
 
     def restarts(self, kills: int) -> Timing:
         """Kill the runtime again and again. Raises ToktError if it does not come back."""

@@ -34,8 +34,6 @@ _ROWS, _COLS = 3, 5  # patches that an obstacle covers
 _RULE_PATCHES = 3  # a single patch of water is taken for one now and then: the model is a plain one
 _WINDOW, _FACTOR = 60, 16.0
 """Half of all patches may be another's before it is called drift: obstacles come and go here."""
-
-
 _PLACES = 100
 
 

@@ -5,11 +5,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass
 from itertools import chain
 from statistics import median
 from typing import Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import cv2
 import numpy as np
@@ -93,9 +95,8 @@ def run_view_bench(extent: ViewBenchSize) -> Found:
             names = list(latencies)
             for name in names[number % 3 :] + names[: number % 3]:
                 with _clients(port, extent, loop, view) if name == CLIENTS else nullcontext():
-                    found = [
-                        loop.judge(None if name == NONE else view) for _ in range(extent.frames)
-                    ]
+                    shown = None if name == NONE else view
+                    found = [loop.judge(shown) for _ in range(extent.frames)]
                 latencies[name].append([latency for latency, _ in found])
                 handing += [handed for _, handed in found if name != NONE]
     finally:
@@ -150,14 +151,10 @@ def _bundle(pictures: list[U8]) -> Any:
 
 def _until_drawn(loop: _Loop, view: LiveView, port: int) -> None:
     """Let the process start: none of what it costs is a view's."""
-    import http.client
-
     deadline = time.monotonic() + _STARTED_S
     while time.monotonic() < deadline:
         loop.judge(view)
-        asked = http.client.HTTPConnection("127.0.0.1", port, timeout=_STARTED_S)
-        asked.request("GET", "/picture")
-        if asked.getresponse().status == 200:
+        with suppress(HTTPError), urlopen(f"http://127.0.0.1:{port}/picture", timeout=_STARTED_S):
             return
     raise ToktError("the view shows no picture")
 
@@ -178,12 +175,7 @@ def _clients(port: int, extent: ViewBenchSize, loop: _Loop, view: LiveView) -> I
             process.kill()
 
 
-def _found(
-    extent: ViewBenchSize,
-    latencies: dict[str, list[list[float]]],
-    handing: list[float],
-    told: list[str],
-) -> Found:
+def _found(extent: ViewBenchSize, latencies, handing, told) -> Found:
     timings = [
         Timing(name, "from a frame to its verdict", [*chain(*rounds)], None)
         for name, rounds in latencies.items()
