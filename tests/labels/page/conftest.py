@@ -4,7 +4,7 @@ import http.client
 import json
 import re
 import signal
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import parse_qs, urlencode, urlsplit
@@ -191,30 +191,32 @@ def page_server(page_host, tiny, tmp_path_factory):
 class Watched:
     """What pages of one browser context did that they should not."""
 
-    def __init__(self, url):
-        parts = urlsplit(url)
-        self._own = (f"{parts.scheme}://{parts.netloc}/", "data:", "blob:")
+    def __init__(self, context):
+        self._own = ["data:", "blob:"]
         self._allowed = []
         self._faults = []
+        context.on("request", self._request)
+        context.on("console", self._console)
+        context.on("weberror", lambda error: self._faults.append(f"uncaught: {error.error}"))
+
+    def belongs(self, url):
+        """Pages may ask the server of this address, too."""
+        parts = urlsplit(url)
+        self._own.append(f"{parts.scheme}://{parts.netloc}/")
 
     def allow(self, pattern):
         """Expect console errors that this regular expression finds, before they come."""
         self._allowed.append(pattern)
 
-    def context(self, context):
-        """Watch all pages of a context."""
-        context.on("request", self._request)
-        context.on("console", self._console)
-        context.on("weberror", lambda error: self._faults.append(f"uncaught: {error.error}"))
-
     def check(self):
-        """Fail if anything was wrong."""
+        """Fail if anything was wrong since the last time; what was allowed is so no longer."""
         allowed = re.compile("|".join(self._allowed) or r"(?!)")
         wrong = [fault for fault in self._faults if not allowed.search(fault)]
+        self._faults, self._allowed = [], []
         assert not wrong, "\n".join(wrong)
 
     def _request(self, request):
-        if not request.url.startswith(self._own):
+        if not request.url.startswith(tuple(self._own)):
             self._faults.append(f"request to somebody else: {request.url}")
 
     def _console(self, message):
@@ -239,51 +241,85 @@ def remembers(who):
 _OFFLINE = r"Failed to load resource|ERR_CONNECTION|ERR_INTERNET|ERR_INCOMPLETE|ERR_EMPTY"
 
 
-@pytest.fixture
-def browse(browser):
-    """Open the page of a server for one test; see `browsing`."""
-    with browsing(browser) as start:
-        yield start
+class Profiles:
+    """Browser contexts, each with its own storage and with what its pages loaded."""
+
+    def __init__(self, browser):
+        self._browser = browser
+        self._watched = {}
+
+    def make(self, who, **options):
+        """A context that knows that `who` works there; with None it was never told."""
+        context = self._browser.new_context(**options)
+        if who is not None:
+            context.add_init_script(remembers(who))
+        context.set_default_timeout(500 * MAX_S)
+        self._watched[context] = Watched(context)
+        return context
+
+    def open(self, context, url, place, *patterns):
+        """A page of a server, whose `load` event was awaited."""
+        watched = self._watched[context]
+        watched.belongs(url)
+        for pattern in filter(None, patterns):
+            watched.allow(pattern)
+        page = context.new_page()
+        page.goto(url + place)
+        return page
+
+    def check(self):
+        """Fail if a page did what it should not."""
+        for watched in self._watched.values():
+            watched.check()
+
+    def close(self, *contexts):
+        """Close these contexts, or all."""
+        for context in contexts or [*self._watched]:
+            context.close()
+            self._watched.pop(context).check()
 
 
 @pytest.fixture(scope="module")
-def browse_on(browser):
-    """Open the page of a server for all tests of a module; see `browsing`."""
-    with browsing(browser) as start:
-        yield start
+def profiles(browser):
+    """Those of a module."""
+    made = Profiles(browser)
+    yield made
+    made.close()
 
 
-@contextmanager
-def browsing(browser):
+@pytest.fixture(scope="module")
+def annas(profiles):
+    """Anna's browser, which the tests of a module share: what it loaded, it loads no more."""
+    return profiles.make("anna")
+
+
+@pytest.fixture
+def browse(profiles, annas):
     """Open the page of a server: ``browse(server, "#/label/left/17", allow=...)``.
 
-    The browser knows that `who` works there; with None it was never told.
-    ``context=page.context`` opens another tab of the same browser. Any console error that `allow`
-    (a regular expression) does not find, and any request to anybody but the server, fails the
-    test (or, for `browse_on`, the module's last one) when it ends; `offline` allows the errors of a
-    browser whose server is away. The page's address is opened and its `load` event awaited.
+    It is a new tab of anna's browser; of one of their own for anybody else (``who="ben"``; None
+    was never told who works there) and with options of a context. ``context=page.context`` opens
+    another tab of the same browser. Any console error that `allow` (a regular expression) does not
+    find, and any request to anybody but the server, fails the test when it ends; `offline` allows
+    the errors of a browser whose server is away. When the test ends, anna's browser forgets what
+    its pages kept, and they are closed.
     """
-    contexts = []
+    opened, own = [], []
 
     def start(server, place="", *, who="anna", context=None, allow=None, offline=False, **options):
-        if context is None:
-            context = browser.new_context(**options)
-            if who is not None:
-                context.add_init_script(remembers(who))
-            context.set_default_timeout(500 * MAX_S)
-            watched = Watched(server.url)
-            watched.context(context)
-            contexts.append((context, watched))
-        watched = next(watched for known, watched in contexts if known is context)
-        for pattern in (allow, _OFFLINE if offline else None):
-            if pattern is not None:
-                watched.allow(pattern)
-        page = context.new_page()
-        page.goto(server.url + place)
+        if context is None and (who != "anna" or options):
+            context = profiles.make(who, **options)
+            own.append(context)
+        patterns = allow, _OFFLINE if offline else None
+        page = profiles.open(context or annas, server.url, place, *patterns)
+        opened.append(page)
         return page
 
     yield start
-    for context, _ in contexts:
-        context.close()
-    for _, watched in contexts:
-        watched.check()
+    for page in opened:
+        if page.context is annas and not page.is_closed():
+            page.evaluate("() => localStorage.clear()")
+            page.close()
+    if own:
+        profiles.close(*own)
+    profiles.check()
