@@ -43,7 +43,7 @@ def test_ctrl_c_ends_it_though_pages_listen(page_server):
 
 
 LAST = "tokt.labels.page.api.serve"
-STARTING = ("typer", "tokt.cli.app", "numpy", "cv2", "fastapi.applications", "uvicorn.server", LAST)
+STARTING = ("typer", "numpy", "fastapi.applications", LAST)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to a single process")
@@ -65,9 +65,9 @@ def test_ctrl_c_while_it_starts_prints_nothing(tiny, tmp_path, module):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to a single process")
-@pytest.mark.parametrize("wait_s", [0, 0.001, 0.05, 0.2])
-def test_ctrl_c_twice_ends_it_in_order(page_server, tiny_bundle, tmp_path, wait_s):
-    server = page_server("--model", tiny_bundle, workspace=tmp_path)
+@pytest.mark.parametrize("wait_s", [0, 0.05])
+def test_ctrl_c_twice_ends_it_in_order(page_server, tmp_path, wait_s):
+    server = page_server(workspace=tmp_path)
     with server.events(who="anna") as stream:
         stream.next("status")
         server.paint("c-1", 1, [5], "ocean")
@@ -171,25 +171,24 @@ def test_little_space_is_said(tiny, tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell script")
-def test_the_browser_is_opened(tiny, tmp_path):
+def test_the_browser_is_opened(page_host, tiny, tmp_path, monkeypatch):
     script, opened = tmp_path / "browser", tmp_path / "opened"
     script.write_text(f'#!/bin/sh\necho "$1" > {opened}.part && mv {opened}.part {opened}\n')
     script.chmod(0o755)
-    command = [sys.executable, "-c", "from tokt.cli import main; main()", "label", str(tiny.path)]
-    command += ["--port", "0", "--workspace", str(tmp_path / "w"), "--token", "t&t"]
-    environment = {**os.environ, "BROWSER": f"{script} %s"}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
-        line = process.stdout.readline()
-        until(opened.exists)
-        printed = next(word for word in line.split() if word.endswith("/?token=t%26t"))
-        url = urlsplit(opened.read_text().strip())  # which other accounts see, and come too late
-        assert (
-            printed.partition("?")[0] == f"{url.scheme}://{url.netloc}/"
-            and "t%26t" not in url.query
-        )
-        for status in (303, 401):
-            with closing(http.client.HTTPConnection(url.netloc, timeout=MAX_S)) as connection:
-                connection.request("GET", f"/?{url.query}")
-                assert connection.getresponse().status == status
-        process.send_signal(signal.SIGINT)
-        assert process.wait(MAX_S) == 0
+    monkeypatch.setenv("BROWSER", f"{script} %s")
+    options = ("--port", 0, "--workspace", tmp_path / "w", "--token", "t&t")
+    process = page_host.start("label", tiny.path, *options)
+    line = process.stdout.readline()
+    until(opened.exists)
+    printed = next(word for word in line.split() if word.endswith("/?token=t%26t"))
+    url = urlsplit(opened.read_text().strip())  # which other accounts see, and come too late
+    assert printed.partition("?")[0] == f"{url.scheme}://{url.netloc}/"
+    assert "t%26t" not in url.query
+    for status in (303, 401):
+        with closing(http.client.HTTPConnection(url.netloc, timeout=MAX_S)) as connection:
+            connection.request("GET", f"/?{url.query}")
+            assert connection.getresponse().status == status
+    process.send_signal(signal.SIGINT)
+    assert process.wait(MAX_S) == 0
+    process.stdout.close()
+    process.stderr.close()
