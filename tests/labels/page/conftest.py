@@ -280,8 +280,8 @@ class Profiles:
 
 
 @pytest.fixture(scope="module")
-def profiles(browser):
-    """Those of a module."""
+def profiles(browser, page_server):
+    """Those of a module; its servers are there until they are closed."""
     made = Profiles(browser)
     yield made
     made.close()

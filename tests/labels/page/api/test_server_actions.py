@@ -15,7 +15,7 @@ from tests.labels.store.said import history
 from tests.tiers import scaled
 from tests.waiting import until
 from tokt.features.frames.grid import Grid
-from tokt.labels.record import Cell
+from tokt.labels.record import Cell, LabelRecord
 from tokt.labels.store.store import FILE_NAME, LabelStore
 
 pytestmark = pytest.mark.xdist_group("server_actions")  # what they share is made once
@@ -125,6 +125,28 @@ def test_two_annotators_settle(server):
         assert server.request("GET", f"/api/agreement?a={a}&b={b}").status == status
     server.paint("two-5", 7, [0], "ocean", who="zoe")
     assert server.request("GET", "/api/agreement?a=zoe&b=ben").status == 409
+
+
+SAID = {0: ("ocean", "ocean"), 1: ("reef", "kelp"), 2: ("kelp", "kelp"), 3: ("kelp", "sand")}
+
+
+def test_conflicts_of_a_class_that_left_the_taxonomy_are_told_and_settled(server):
+    with LabelStore(server.workspace / FILE_NAME) as store:
+        store.add(
+            LabelRecord("tiny", "left", 10, Grid(), 0, cell, label, who, TIME)
+            for cell, labels in SAID.items()
+            for who, label in zip(("ida", "jon"), labels, strict=True)
+        )
+
+    def agreement():
+        return server.get("/api/agreement", a="ida", b="jon")
+
+    found = until(lambda: (seen := agreement())["n_both"] == 4 and seen)
+    assert found["unknown"] == ["kelp"] and "kelp" in found["labels"]
+    conflicts = [(one["cell"], one["a"], one["b"]) for one in found["conflicts"]]
+    assert conflicts == [(1, "reef", "kelp"), (3, "kelp", "sand")]
+    server.paint("kelp-1", 10, [1, 3], "sand", kind="settle", source="settled")
+    assert [one["settled"] for one in agreement()["conflicts"]] == ["sand", "sand"]
 
 
 def test_seen_frames_and_frames_of_somebody(server):

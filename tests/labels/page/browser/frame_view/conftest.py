@@ -121,7 +121,41 @@ def open_frame(browse, server):
     return start
 
 
+SETTINGS = {"filter": "all", "confidence": 0.5, "follow": 2, "selected": ""}
+
+
+@pytest.fixture(scope="module")
+def tab(profiles, annas, server):
+    return FramePage(profiles.open(annas, server.url, "#/label/left/1"), server, 1)
+
+
+@pytest.fixture
+def view(tab, profiles):
+    """A tab that a module's tests share; what they set is as at first again."""
+    tab.page.evaluate(
+        "values => { import('/static/core/mission.js').then(({ setSetting }) =>"
+        " Object.entries(values).forEach(([name, value]) => setSetting(name, value))); }",
+        SETTINGS,
+    )
+    yield tab
+    profiles.check()
+
+
 @pytest.fixture(scope="session")
 def frame_page():
     """`FramePage`."""
     return FramePage
+
+
+@pytest.fixture(scope="session")
+def obstacles_said():
+    """Patches of a frame that a server's model calls an obstacle: ``obstacles_said(server, 8)``."""
+
+    def found(server, frame):
+        query = {"who": "nobody", "camera": "left", "frames": frame, "suggest": 1}
+        [labels] = server.get("/api/labels", **query)["frames"]
+        is_obstacle = server.get("/api/mission", who="nobody")["model"]["obstacle"]
+        classes = labels["suggestions"]["classes"]
+        return {cell for cell, which in enumerate(classes) if is_obstacle[which]}
+
+    return found
