@@ -5,18 +5,20 @@ import io
 
 import pytest
 
+from tests.calls import succeeds
 from tests.labels.page.conftest import knows
 from tests.waiting import until
 from tokt.labels.store.store import LabelStore
+from tokt.models.bundle.bundle import read_bundle
 
 pytestmark = pytest.mark.xdist_group("browser_files")  # what they share is made once
 
 CARD = "section.card:has(h2:text-is('{}'))"
 
 
-@pytest.fixture
-def server(page_server, tmp_path):
-    return page_server("--annotator", "anna", workspace=tmp_path / ".tokt")
+@pytest.fixture(scope="module")
+def server(page_server):
+    return page_server("--annotator", "anna")
 
 
 @pytest.fixture
@@ -90,15 +92,14 @@ def test_classes_are_added_saved_and_in_use_at_once(page, server):
 
 
 def test_a_model_of_the_labels_is_trained_and_suggests_and_labels_are_audited(
-    browse, page_server, run_tokt, tiny, tmp_path
+    browse, page_server, tiny_truth, tmp_path
 ):
-    labels = tmp_path / ".tokt"
-    text, wrong = tiny.labels.read_text(), ",subsea_installation"
-    assert wrong in text
-    text = text[: text.rindex(wrong)] + ",ocean" + text[text.rindex(wrong) + len(wrong) :]
-    (tmp_path / "anna.csv").write_text(text)
-    run_tokt("labels", "import", tmp_path / "anna.csv", "--workspace", labels)
-    server = page_server("--annotator", "anna", workspace=labels)
+    rows = [row for row in tiny_truth.labels() if row[3] in (3, 4)]
+    row = next(row for row in reversed(rows) if row[-1] == "subsea_installation")
+    row[-1] = "ocean"
+    file = tiny_truth.write_labels(tmp_path / "anna.csv", rows)
+    succeeds("labels", "import", file, "--workspace", tmp_path / ".tokt")
+    server = page_server("--annotator", "anna", workspace=tmp_path / ".tokt")
     page = browse(server, "#/files")
     card = page.locator(CARD.format("Model and audit"))
     card.get_by_text("There is no model yet").wait_for()
@@ -106,10 +107,23 @@ def test_a_model_of_the_labels_is_trained_and_suggests_and_labels_are_audited(
     card.get_by_role("button", name="Cancel").click()
     card.get_by_text("The model. Cancelled").wait_for()
     assert server.get("/api/mission")["model"] is None
-    card.get_by_role("button", name="Train a model").click()
+    with server.events(who="anna") as stream:
+        told = [stream.next("status")]
+        card.get_by_role("button", name="Train a model").click()
+        while told[-1]["job"]["state"] != "done":
+            told.append(stream.next("status"))
+            assert told[-1]["job"]["state"] != "failed", told[-1]
+    steps = [one["job"]["progress"] for one in told if one["job"]["progress"]]
+    assert {"features", "cross-validation"} & {step["what"] for step in steps}
+    assert all(0 <= step["done"] <= step["total"] for step in steps)
+    assert told[-1]["setup"] != told[0]["setup"]
     card.get_by_text("The model. Done.").wait_for()
     page.locator("#views a", has_text="Label").first.click()
     until(lambda: knows(page, "model?.label === 'tiny/1'"))  # without loading the page again
+    bundle = read_bundle(server.workspace / "models" / "tiny.tokt")
+    assert server.get("/api/mission")["model"]["label"] == bundle.label == "tiny/1"
+    (found,) = server.get("/api/labels", camera="left", frames="3", suggest=1)["frames"]
+    assert found["suggestions"]["model"] == "tiny/1"
     page.go_back()
     card.get_by_role("button", name="Look for labels").click()
     card.get_by_role("button", name="Look at them").click()
