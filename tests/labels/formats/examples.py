@@ -76,42 +76,6 @@ def some_records(cameras=("left", "right"), grids=GRIDS):
     )
 
 
-@st.composite
-def damaged(draw, data):
-    """A file that was cut, or had some bytes changed, put in or taken out."""
-    if draw(st.booleans()):
-        return data[: draw(st.integers(0, len(data)))]
-    found = bytearray(data)
-    for _ in range(draw(st.integers(1, 4))):
-        at = draw(st.integers(0, len(found)))
-        words = [b'"', b",", b"\n", b"-", b"NaN", b"null", b"9" * 400, b"1e999", b"[]"]
-        put_in = draw(st.binary(max_size=2) | st.sampled_from(words))
-        found[at : at + draw(st.integers(0, 3))] = put_in
-    return bytes(found)
-
-
-NUMBERS = [True, -1, 0, 3.5, 10**30, float("nan"), float("inf")]
-ODD_VALUES = st.sampled_from([None, *NUMBERS, "", "x", "3", "\ud800", [], [1], {}])
-
-
-@st.composite
-def with_odd_values(draw, value):
-    """A JSON value some of whose parts are another kind of thing."""
-    places = list(_places(value))
-    for _ in range(draw(st.integers(1, 3))):
-        holder, key = draw(st.sampled_from(places))
-        holder[key] = draw(ODD_VALUES)
-    return value
-
-
-def _places(value):
-    items = value.items() if isinstance(value, dict) else enumerate(value)
-    for key, part in items:
-        yield value, key
-        if isinstance(part, dict | list):
-            yield from _places(part)
-
-
 # --- files of other tools
 
 # What DIVE writes: 2x2 patches of the 10x10 grid are 36.2 px wide and 26.9 px high here (the

@@ -1,6 +1,5 @@
 """What the formats of boxes have in common: whole there and back, and damage is refused."""
 
-import json
 import os
 from dataclasses import replace
 
@@ -10,33 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.formats import FORMATS
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.taxonomy import Taxonomy, UnknownClassError
 
-from .examples import (
-    BIIGLE,
-    CORALNET,
-    CVAT,
-    DIVE,
-    SLOW,
-    TAXONOMY,
-    damaged,
-    foreign_coco,
-    foreign_ifdo,
-    foreign_label_studio,
-    said,
-    some_records,
-    with_odd_values,
-)
+from .examples import SLOW, TAXONOMY, said, some_records
 
-JSON = {"coco": foreign_coco, "labelstudio": foreign_label_studio, "ifdo": foreign_ifdo}
-TEXT = {"viame": DIVE, "coralnet": CORALNET, "biigle": BIIGLE, "cvat": CVAT}
-FILES = {**dict.fromkeys(JSON, "boxes.json"), **dict.fromkeys(TEXT, "boxes.csv")}
-FILES["cvat"] = "boxes.xml"
+FILES = {**dict.fromkeys(("coco", "labelstudio", "ifdo"), "boxes.json"), "cvat": "boxes.xml"}
+FILES |= dict.fromkeys(("viame", "coralnet", "biigle"), "boxes.csv")
 NO_SUGGESTIONS = ("coralnet", "biigle", "cvat", "ifdo")
 all_formats = pytest.mark.parametrize("name", FILES)
 
@@ -72,32 +54,6 @@ def test_unknown_classes_are_told_by_name(tmp_path, reading, writing, name):
     with pytest.raises(UnknownClassError, match="unknown class 'reef'") as caught:
         FORMATS[name].read(path, replace(reading, taxonomy=known))
     assert caught.value.names == ["reef"] and str(path) in str(caught.value)
-
-
-@all_formats
-@SLOW
-@given(st.data())
-def test_damaged_files_are_refused_or_read(tmp_path, reading, writing, name, data):
-    path = tmp_path / FILES[name]
-    some = [said("sand", 1, 2), said("reef", annotator="7")]
-    if name not in NO_SUGGESTIONS:
-        some.append(said(source="model", annotator="7", model_version="net/3"))
-    some = [replace(record, col=n) for n, record in enumerate(some)]
-    FORMATS[name].write(path, some, writing)
-    whole = path.read_bytes()
-    if name in TEXT:
-        path.write_bytes(
-            data.draw(damaged(data.draw(st.sampled_from([whole, TEXT[name].encode()]))))
-        )
-    elif data.draw(st.booleans()):
-        path.write_bytes(data.draw(damaged(whole)))
-    else:
-        seed = data.draw(st.sampled_from([json.loads(whole), JSON[name]()]))
-        path.write_text(json.dumps(data.draw(with_odd_values(seed))))
-    try:
-        FORMATS[name].read(path, replace(reading, classes={"fish": "other", "rock": "reef"}))
-    except ToktError as error:
-        assert "\n" not in str(error)
 
 
 @all_formats

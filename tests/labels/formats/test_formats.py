@@ -1,4 +1,3 @@
-from contextlib import suppress
 from dataclasses import fields, replace
 
 import numpy as np
@@ -76,19 +75,6 @@ def test_what_is_no_label_file(tmp_path):
     assert format_to_write(tmp_path / "new.csv") == "csv"
     assert format_to_write(tmp_path / "patches") == "patches"
     assert format_to_write(tmp_path / "new.xml") == "cvat"
-
-
-def test_a_label_that_is_taken_back_goes_into_no_file():
-    with pytest.raises(ValueError, match="has no label"):
-        to_attributes(replace(said(), label=None))
-
-
-@given(data=st.binary(max_size=200), suffix=st.sampled_from([".csv", ".json", ".yaml"]))
-def test_any_bytes_are_refused_or_told(tmp_path_factory, data, suffix):
-    path = tmp_path_factory.getbasetemp() / f"any{suffix}"
-    path.write_bytes(data)
-    with suppress(ToktError):
-        assert format_to_read(path) in FORMATS
 
 
 def test_csv_says_what_six_columns_lose(tmp_path, reading, writing):

@@ -1,6 +1,5 @@
 import csv
 import json
-from dataclasses import replace
 
 import pytest
 
@@ -65,13 +64,6 @@ def test_notes_are_beside_labels_of_the_full_csv_and_said_where_they_are_lost(la
     assert came.err == "CSV: 1 note left out: notes stay in the workspace they were written in\n"
 
 
-def test_the_missions_folder_chooses_the_mission_of_a_csv_too(labels, tmp_path, dive):
-    with LabelStore(tmp_path / ".tokt" / "labels.db") as store:
-        store.add([replace(said(), mission="another")])
-    for more, n in ((), 4), (("--mission-dir", dive), 3):
-        assert f"{n} labels" in labels("export", "out.csv", "--full", *more).err
-
-
 def test_viame_and_patches(labels, tmp_path, dive):
     frames = ("--mission-dir", dive)
     ran = labels("export", "out.csv", "--format", "viame", *frames)
@@ -118,11 +110,3 @@ def test_settlements_are_left_out_of_six_columns_and_named(labels, tmp_path, div
     assert json.loads(labels("import", "out.json", "--json", store="copy").out)["labels"] == 4
     with LabelStore(tmp_path / "copy" / "labels.db") as store:
         assert [record.annotator for record in store.settled()] == ["ann"]
-
-
-def test_agreement_of_files_of_other_formats(labels, tmp_path, dive, run_tokt):
-    for who in ("ann", "bob"):
-        options = ("--format", "coco", "--mission-dir", dive, "--annotator", who)
-        assert labels("export", f"{who}.json", *options).code == 0
-    ran = run_tokt("labels", "agreement", tmp_path / "ann.json", tmp_path / "bob.json", "--json")
-    assert json.loads(ran.out)["n_both"] == 1

@@ -1,15 +1,12 @@
-import json
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from tests.calls import refuses
 from tests.tiers import scaled
-from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
@@ -18,7 +15,7 @@ from tokt.labels.formats.options import WriteOptions
 from tokt.labels.formats.patch_folder import MANIFEST, read_patch_folder, write_patch_folder
 from tokt.training.datasets.mission_source import plan_from_patch_folder
 
-from .examples import SLOW, TAXONOMY, damaged, said, some_records, with_odd_values
+from .examples import SLOW, TAXONOMY, said, some_records
 
 QUICK = settings(SLOW, max_examples=scaled(12))
 CELLS = [said("sand", 1, 2), said("reef", 9, 9), said("unsure", camera="right", frame=20)]
@@ -170,20 +167,3 @@ def test_folders_without_our_manifest(tmp_path, reading):
     ):
         (tmp_path / MANIFEST).write_text(text)
         refuses(message, read_patch_folder, tmp_path, reading)
-
-
-@QUICK
-@given(st.data())
-def test_damaged_manifests_are_refused_or_read(folder, reading, data):
-    kept = folder.parent / "kept.json"
-    if not kept.exists():
-        kept.write_bytes((folder / MANIFEST).read_bytes())
-    if data.draw(st.booleans()):
-        (folder / MANIFEST).write_bytes(data.draw(damaged(kept.read_bytes())))
-    else:
-        changed = data.draw(with_odd_values(json.loads(kept.read_text())))
-        (folder / MANIFEST).write_text(json.dumps(changed))
-    try:
-        read_patch_folder(folder, reading)
-    except ToktError as error:
-        assert "\n" not in str(error)

@@ -205,13 +205,6 @@ def test_shapes_of_biigle(tmp_path, reading):
     assert "1 outline left out by --map: class 'Biota > Fish > Cod, big'" in read.lost
 
 
-def test_a_report_needs_no_frames_opened_where_it_says_their_size(tmp_path, reading, images):
-    images._sizes.clear()
-    classes = {"Biota": "reef", "Sediment": "sand"}
-    FORMATS["biigle"].read(put(tmp_path, BIIGLE, "r.csv"), replace(reading, classes=classes))
-    assert images._sizes == {}
-
-
 def test_cvat_sees_boxes_and_the_tasks_labels(tmp_path, writing):
     some = [said("reef", 0, 0), said("sand", 1, 2, camera="right", frame=20)]
     some.append(said("ocean", 5, 5, source="model", annotator="net", model_version="net/3"))
@@ -276,7 +269,7 @@ def without_ours(name, text):
     return out.getvalue()
 
 
-@pytest.mark.parametrize("size", [(1024, 1360), (480, 640), (137, 181), (1080, 1920), (300, 201)])
+@pytest.mark.parametrize("size", [(1024, 1360), (137, 181), (300, 201)])
 @pytest.mark.parametrize("name", ["coralnet", "biigle", "cvat", "ifdo"])
 def test_places_alone_bring_every_patch_back(tmp_path, name, size):
     (tmp_path / "dive").mkdir()
@@ -307,8 +300,8 @@ ODD_XML = {
     ("text", "words"),
     [
         *((text, "it has a DOCTYPE, which CVAT does not write") for text in ODD_XML.values()),
-        ("<annotations>" * 100_000, "not XML: no element found"),
-        ("<annotations>" + "<a>" * 10**5 + "</a>" * 10**5 + "</annotations>", "no labels in it"),
+        ("<annotations>" * 10_000, "not XML: no element found"),
+        ("<annotations>" + "<a>" * 10**4 + "</a>" * 10**4 + "</annotations>", "no labels in it"),
         ("", "not XML: no element found"),
         ("<annotations>&x;</annotations>", "not XML: undefined entity"),
         ("<coco/>", "not of CVAT, whose XML begins with <annotations>"),
@@ -332,14 +325,12 @@ def test_odd_xml_is_refused_in_one_line(tmp_path, reading, text, words):
             "line 2: 3 fields, too few, or no column 'Label code'",
         ),
         ("coralnet", "Name,Row,Column,Label\na.png,x,1,reef\n", "line 2: row 'x' is not a whole"),
-        ("coralnet", "Name,Row,Row,Column,Label\n", "2 columns 'row' where there must be one"),
         ("coralnet", "Name,Row,Column,Label\n", "no labels in it"),
         ("coralnet", 'Name,Row,Column,Label\n"a', "line 2: unexpected end of data"),
         ("biigle", "label_name,filename\n", "line 1: 0 columns 'shape_name'"),
         ("biigle", BIIGLE.replace('"[361, 273]"', "[361"), "line 4: points is not a list"),
         ("biigle", BIIGLE.replace("[361, 273]", "[true, 1]"), "points True is not a number"),
         ("biigle", BIIGLE.replace("2021-03-09", "9.3.2021"), "time '9.3.2021 22:16:08Z' is not"),
-        ("biigle", f"{BIIGLE}7\n", "line 8: 1 fields, too few"),
         ("coralnet", f"{CORALNET}7\n", "line 9: 1 fields, too few"),
     ],
 )

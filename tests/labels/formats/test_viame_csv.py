@@ -116,15 +116,6 @@ def test_a_box_that_was_moved_counts_where_it_is(tmp_path, reading, writing):
     assert read.lost == ["1 box moved since tokt wrote the file: read by its new place"]
 
 
-def test_what_excel_writes_where_the_comma_is_for_decimals(tmp_path, reading):
-    options = replace(reading, classes={"fish": "other"})
-    rows = ["0", "dive_L_3.png", "0", "0", "0", "37", "28", "1", "-1", "fish", "1"]
-    plain = read_viame_csv(put(tmp_path, ",".join(rows) + "\n", "a.csv"), options)
-    text = "\ufeff# 1: Detection or Track-id;2: Video;;;;;;;;;;\r\n" + ";".join(rows) + ";;\r\n"
-    read = read_viame_csv(put(tmp_path, text, "a.csv"), options)
-    assert [r.cell for r in read.records] == [r.cell for r in plain.records]
-
-
 @pytest.mark.parametrize(
     ("source", "by", "comes_back_as"),
     [
@@ -153,9 +144,7 @@ def test_another_class_is_a_label_by_hand_and_no_confirmed_suggestion(
     ("row", "message"),
     [
         ("0,dive_L_3.png,0,0,0,10,10,1", "line 1: 8 fields where VIAME CSV has at least 9"),
-        ("0,dive_L_3.png,0,0,x,10,10,1,-1,reef,1", "line 1: box corner 'x' is not a number"),
         ("0,dive_L_3.png,0,0,nan,10,10,1,-1,reef,1", "line 1: box corner 'nan' is not a number"),
-        ("0,dive_L_3.png,0,0,1e999,10,10,1,-1,reef,1", "'1e999' is not a number"),
         ("0,dive_L_3.png,first,0,0,10,10,1,-1,reef,1", "frame 'first' is not a whole number"),
         ("0,dive_L_3.png,0,0,0,10,10,1,-1,reef,sure", "confidence 'sure' is not a number"),
         ('"0,dive_L_3.png,0', "line 1: unexpected end of data"),
@@ -165,7 +154,6 @@ def test_another_class_is_a_label_by_hand_and_no_confirmed_suggestion(
         ("0,dive_L_3.png,0,0,0,50,50,1,-1", r"unknown class '' \(1\)"),
         ("0,d.png,0,0,0,9,9,1,-1,reef,1,(atr) tokt_format 1", "no tokt_mission beside tokt_format"),
         ("0,d.png,0,0,0,9,9,1,-1,reef,1,(atr) tokt_format 9", "a newer tokt wrote it"),
-        ("# nothing", "no labels in it"),
         ("", "no labels in it"),
     ],
 )

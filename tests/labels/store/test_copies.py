@@ -185,7 +185,3 @@ def test_a_backup_to_a_full_disk_leaves_nothing(annas, tmp_path):
     assert ran.returncode == 2 and ran.stderr.startswith(f"tokt: error: {target}: "), ran.stderr
     assert "nothing was written" in ran.stderr and not list(target.parent.iterdir())
     hold_row("a backup of labels to a full disk", "refused in one line, code 2", "nothing")
-
-
-def test_a_backup_needs_a_store(tmp_path):
-    refused("no label store", "labels", "backup", tmp_path / "b.db", "--workspace", tmp_path)

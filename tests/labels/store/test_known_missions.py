@@ -5,19 +5,15 @@ import os
 import re
 import shutil
 from pathlib import Path
-from unittest.mock import Mock
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.calls import refuses, succeeds
 from tests.fixtures import write_labels, write_video
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
-from tokt.labels.store import known_missions
 from tokt.labels.store.known_missions import FILE_NAME, check_mission, note_mission
 from tokt.labels.store.store import LabelStore
 
@@ -113,18 +109,6 @@ def test_nothing_is_written_where_nothing_changed(tmp_path):
     assert (tmp_path / FILE_NAME).stat().st_mtime == 1
 
 
-def test_few_files_of_a_long_mission_are_opened(tmp_path, monkeypatch):
-    folder = tmp_path / "dive"
-    folder.mkdir()
-    for frame in range(2_000):
-        (folder / f"a_{frame}.png").touch()
-    mission = open_mission(folder)
-    opened = Mock(wraps=Path.open)
-    monkeypatch.setattr(Path, "open", lambda *given, **how: opened(*given, **how))
-    note_mission(tmp_path, mission)
-    assert sum(call.args[0].parent == folder for call in opened.call_args_list) == 50
-
-
 def test_videos(tmp_path):
     for number, n_frames in ((1, 3), (2, 4)):
         (tmp_path / str(number)).mkdir()
@@ -176,18 +160,6 @@ def test_damage(tmp_path, text):
     for read in (note_mission, check_mission):
         refuses(r"missions.json is damaged; ", read, tmp_path, open_mission(path))
     assert (tmp_path / FILE_NAME).read_bytes() == text.encode("latin-1")
-
-
-@given(st.integers(0, len(GOOD) - 1), st.characters(codec="ascii"))
-def test_one_wrong_character(tmp_path_factory, place, character):
-    folder = tmp_path_factory.getbasetemp()
-    file = folder / "book" / FILE_NAME
-    file.parent.mkdir(exist_ok=True)
-    file.write_text(GOOD[:place] + character + GOOD[place + 1 :])
-    try:
-        known_missions._read(file)
-    except ToktError as error:
-        assert "\n" not in str(error)
 
 
 def test_a_workspace_that_cannot_be_written(tmp_path):

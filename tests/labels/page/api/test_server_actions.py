@@ -11,11 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.labels.store.said import history
 from tests.tiers import scaled
 from tests.waiting import until
 from tokt.features.frames.grid import Grid
-from tokt.labels.record import Cell, LabelRecord
+from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import FILE_NAME, LabelStore
 
 pytestmark = pytest.mark.xdist_group("server_actions")  # what they share is made once
@@ -86,24 +85,6 @@ def test_an_action_and_its_undo(server):
     assert redone["undo"] == {"undo": head, "redo": None} and redone["counts"]["ocean"] == 3
     other = server.send("/api/undo", {"key": "undo-3", "target": "act-0", **step})
     assert other.status == 409 and "\n" not in other.json["error"]
-
-
-def test_what_was_said_meanwhile_is_a_conflict(server):
-    server.paint("tab-1", 2, [0, 1], "ocean")
-    late = server.paint("tab-2", 2, [0, 5], "reef")
-    conflict = {"camera": "left", "frame": 2, "cell": 0, "theirs": "ocean", "yours": "reef"}
-    assert (late["changed"], late["conflicts"]) == (1, [conflict])
-    assert [_mine(server, 2)[cell] for cell in (0, 1, 5)] == ["ocean", "ocean", "reef"]
-
-
-def test_confirmed_suggestions_keep_the_model(server):
-    change = {"camera": "left", "frame": 4, "label": "reef", "cells": [7], "base": [None]}
-    server.paint("yes-1", 4, [], None, changes=[{**change, "model": "reefs/3"}], kind="accept")
-    assert _frame(server, 4)["models"] == {"7": "reefs/3"}
-    with LabelStore(server.workspace / FILE_NAME) as store:
-        said = history(store, Cell(server.mission.name, "left", 4, Grid(10, 10, 360), 0, 7))
-    found = [(one.label, one.source, one.model_version) for one in said]
-    assert found == [("reef", "human", "reefs/3")]
 
 
 def test_two_annotators_settle(server):

@@ -184,11 +184,6 @@ def test_an_error_names_no_class_that_only_others_used(server):
     _check(answer.json)
 
 
-def test_which_frames_somebody_labelled_may_be_asked(server):
-    found = _see(server, blind=True).get("/api/labelled", of=OTHERS)
-    assert found == {"of": OTHERS, "cameras": {"left": [1, 2, 3]}}
-
-
 def test_actions_undo_and_seen(server):
     base = {"who": "anna", "time": "2016-04-20T10:00:00Z"}
     done = _see(server, blind=True).paint("a4", 1, [1], "ocean")

@@ -101,14 +101,6 @@ def test_an_import_is_tried_first_and_then_told_to_all(server):
     assert (again["new"], again["unchanged"]) == (0, 2)
 
 
-def test_classes_of_other_tools_that_are_none_are_told(server):
-    data = server.request("GET", "/api/export?format=coco&only=anna").body.replace(
-        b"ocean", b"kelp"
-    )
-    told = upload(server, data, name="a.json").json
-    assert (told["format"], told["unknown"], told["applied"]) == ("coco", ["kelp"], False)
-
-
 def test_what_comes_back_is_what_went_out(server, page_server, tmp_path):
     for name, file in (("csv", "a.csv"), ("coco", "a.json"), ("viame", "a.csv")):
         data = server.request("GET", f"/api/export?format={name}&full=1").body

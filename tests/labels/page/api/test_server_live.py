@@ -67,19 +67,6 @@ def test_a_setting_of_the_mission_is_everybodys_also_after_a_restart(server):
     assert server.get("/api/mission")["settings"] == {"obstacle_as": "sand"}
 
 
-def test_a_page_that_was_away_hears_what_it_missed(server):
-    event = server.get("/api/mission")["event"]
-    server.paint("away-1", 11, [0], "ocean", who="ben")
-    server.paint("away-2", 12, [0], "ocean", who="carl")
-    with server.events(who="anna", since=event) as stream:
-        heard = stream.next("change")
-        assert heard["frames"] == [["left", 11], ["left", 12]] and heard["by"] == ["ben", "carl"]
-        last = heard["event"]
-        server.paint("away-3", 13, [0], "ocean", who="ben")
-        assert stream.next("change")["frames"] == [["left", 13]]
-    assert last == server.get("/api/mission")["event"] - 1
-
-
 def test_an_idle_stream_says_it_is_alive(server):
     with server.events(who="anna") as stream:
         stream.next("status")

@@ -41,49 +41,12 @@ class Person:
         assert getattr(self._store, step)(self._name, "dive", GRID, key, AFTER).changed == 1
 
 
-def imported_again(anna, ben):
-    anna.imports("reef")
-
-
-def a_settlement_imported(anna, ben):
-    ben.imports("reef", source=SETTLED)
-
-
-def another_opinion_from_before(anna, ben):
-    ben.does("paint", "reef", base=None, time=BEFORE)
-
-
-def a_settlement_from_before(anna, ben):
-    ben.settles("ocean", time=BEFORE)
-
-
-def somebody_accepted_the_frame(anna, ben):
-    ben.does("accept", "reef", base=None)
-
-
-def the_rest(anna, ben):
-    ben.does("rest", "ocean", base=None)
-
-
-def an_own_label_accepted(anna, ben):
-    anna.does("copy", "reef")
-
-
-def erased(anna, ben):
-    anna.does("erase", None)
-
-
-def undone(anna, ben):
-    anna.does("paint", "reef")
-    anna.steps("undo")
-
-
 def taken_back(anna, ben):
     anna.does("relabel", "reef")
     anna.does("take back", "ocean", base="reef")
 
 
-def a_confirmation_undone(anna, ben):
+def confirmed_and_undone(anna, ben):
     ben.settles("ocean", time=BEFORE)
     anna.settles("ocean", "ocean", kind=CONFIRM)
     anna.steps("undo")
@@ -94,14 +57,13 @@ def settled_and_then_accepted_by_somebody(anna, ben):
     ben.does("accept", "reef", base=None)
 
 
-def painted(anna, ben):
-    anna.does("paint", "reef")
+def painted_and(*steps):
+    def story(anna, ben):
+        anna.does("paint", "reef")
+        for step in steps:
+            anna.steps(step)
 
-
-def painted_undone_and_done_again(anna, ben):
-    anna.does("paint", "reef")
-    anna.steps("undo")
-    anna.steps("redo")
+    return story
 
 
 def painted_by_another_and_accepted_by_the_first(anna, ben):
@@ -109,7 +71,7 @@ def painted_by_another_and_accepted_by_the_first(anna, ben):
     anna.does("accept", "sand")
 
 
-def settled(anna, ben):
+def settled_after_a_change(anna, ben):
     anna.does("paint", "sand")
     ben.settles("reef")
 
@@ -119,17 +81,35 @@ def settled_before_and_confirmed(anna, ben):
     ben.settles("reef", "reef", kind=CONFIRM)
 
 
+OPEN = {
+    "imported again": lambda anna, ben: anna.imports("reef"),
+    "a settlement imported": lambda anna, ben: ben.imports("reef", source=SETTLED),
+    "another opinion from before": lambda anna, ben: ben.does(
+        "paint", "reef", base=None, time=BEFORE
+    ),
+    "a settlement from before": lambda anna, ben: ben.settles("ocean", time=BEFORE),
+    "accepted by somebody": lambda anna, ben: ben.does("accept", "reef", base=None),
+    "the rest": lambda anna, ben: ben.does("rest", "ocean", base=None),
+    "an own label accepted": lambda anna, ben: anna.does("copy", "reef"),
+    "erased": lambda anna, ben: anna.does("erase", None),
+    "undone": painted_and("undo"),
+    "taken back": taken_back,
+    "confirmed and undone": confirmed_and_undone,
+    "settled and then accepted": settled_and_then_accepted_by_somebody,
+}
+DECIDED = {
+    "painted": painted_and(),
+    "done again": painted_and("undo", "redo"),
+    "painted and accepted": painted_by_another_and_accepted_by_the_first,
+    "settled": settled_after_a_change,
+    "settled before and confirmed": settled_before_and_confirmed,
+}
+
+
 @pytest.mark.parametrize(
     ("story", "decided"),
-    [
-        *[(imported_again, None), (a_settlement_imported, None), (the_rest, None)],
-        *[(another_opinion_from_before, None), (a_settlement_from_before, None)],
-        *[(somebody_accepted_the_frame, None), (an_own_label_accepted, None), (erased, None)],
-        *[(undone, None), (taken_back, None), (a_confirmation_undone, None)],
-        *[(settled_and_then_accepted_by_somebody, None), (painted, "reef"), (settled, "reef")],
-        *[(painted_undone_and_done_again, "reef"), (settled_before_and_confirmed, "reef")],
-        (painted_by_another_and_accepted_by_the_first, "reef"),
-    ],
+    [(story, None) for story in OPEN.values()] + [(story, "reef") for story in DECIDED.values()],
+    ids=[*OPEN, *DECIDED],
 )
 def test_a_doubt_is_decided_by_who_looked_at_it_since(store, story, decided):
     anna, ben = Person(store), Person(store, "ben")

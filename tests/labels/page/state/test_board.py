@@ -82,20 +82,6 @@ def test_states_of_a_frame_on_its_way(store):
     assert (_letter(board), board.settled("left", 1)) == ("x", [None] * 3)
 
 
-def test_the_last_settlement_holds_whoever_made_it(store):
-    for label in ("reef", "ocean"):
-        for who in (*WHO, *reversed(WHO)):
-            _say(store, who, 1, 0, None, source=SETTLED)
-            _say(store, who, 1, 0, label, source=SETTLED)
-    board = _board(store)
-    assert board.settled("left", 1) == ["ocean", None, None]
-
-
-def test_events_of_other_missions_are_passed_over_once(store):
-    store.add([LabelRecord("other", "left", 1, GRID, 0, 0, "ocean", "anna", utc_now())])
-    assert _board(store).event == store.last_event() == 1
-
-
 def test_changed_says_who_and_where(store):
     board = _board(store)
     first = board.event

@@ -61,19 +61,11 @@ def test_no_halo_around_a_lit_tower():
     assert gray_mean(picture, TOWER) > gray_mean(picture, near) + 80
 
 
-def test_a_lit_tower_is_not_saturated_into_one_white_area():
-    frame = water(tower=120)
-    frame[500:700, 560:620] //= 2
-    picture = enhanced(frame, 60)
-    upper, lower = picture[300:480, 560:620].mean(), picture[520:700, 560:620].mean()
-    assert 250 > upper > lower + 20
-
-
 @pytest.mark.parametrize("amount", [-1, 101])
 def test_an_enhancement_is_0_to_100(amount):
     for enhance in (enhanced, enhanced_small):
         with pytest.raises(ValueError, match=f"0 to 100, not {amount}"):
-            enhance(water(), amount)
+            enhance(np.zeros((9, 9), np.uint8), amount)
 
 
 def test_the_amount_says_how_much():
@@ -105,7 +97,7 @@ SIDES = st.integers(1, 90)
 
 
 @given(st.tuples(SIDES, SIDES), st.booleans(), st.integers(0, 100), st.integers(0, 2**32 - 1))
-@settings(max_examples=scaled(60))
+@settings(max_examples=scaled(30))
 def test_any_frame_can_be_enhanced(size, colour, amount, seed):
     shape = (*size, 3) if colour else size
     frame = np.random.default_rng(seed).integers(0, 256, shape, np.uint8)
@@ -176,14 +168,13 @@ def test_an_enhanced_frame_is_a_jpeg_of_the_frames_size(tmp_path):
         assert np.abs(decoded(data).astype(int) - expected).mean() < 3
 
 
-@pytest.mark.parametrize("enhance", [0, 60])
-@pytest.mark.parametrize("width", [100, 680, 1000, 2000])
-def test_a_thumbnail_has_the_width_asked_for(tmp_path, enhance, width):
+def test_a_thumbnail_has_the_width_asked_for(tmp_path):
     mission = mission_of(tmp_path / "m", {"a_1.png": water(tower=2)})
-    data, media_type = frame_picture(mission, "left", 1, enhance, width)
-    expected = min(width, 1360)
-    assert media_type == "image/jpeg"
-    assert decoded(data).shape[:2] == (round(1024 * expected / 1360), expected)
+    for enhance, width in ((0, 100), (60, 1000), (0, 2000)):
+        data, media_type = frame_picture(mission, "left", 1, enhance, width)
+        expected = min(width, 1360)
+        assert media_type == "image/jpeg"
+        assert decoded(data).shape[:2] == (round(1024 * expected / 1360), expected)
 
 
 @pytest.mark.parametrize("enhance", [0, 60])
@@ -254,16 +245,6 @@ def test_a_frame_of_fewer_pixels_than_patches_gives_crossed_out_tiles(tmp_path):
     cv2.imwrite(str(tmp_path / "m" / "a_2.png"), np.full((1, 1), 200, np.uint8))
     sheet = decoded(PatchPictures(mission, Grid()).sprite([("left", 2, 99)], 40, 0, 0)[0])[..., 0]
     assert sheet[20, 20] > 140 and abs(int(sheet[20, 5]) - 70) < 20
-
-
-def test_a_frame_is_decoded_once_for_all_its_patches(tmp_path):
-    mission = numbered_patches(tmp_path)
-    reads, read = [], mission.read
-    mission.read = lambda frame, camera: reads.append(frame) or read(frame, camera)
-    pictures = PatchPictures(mission, Grid())
-    cells = [("left", frame, cell) for cell in range(20) for frame in (1, 2)]
-    first = pictures.sprite(cells)
-    assert pictures.sprite(cells) == first and sorted(reads) == [1, 2]
 
 
 def test_threads_may_share_a_video(tmp_path):

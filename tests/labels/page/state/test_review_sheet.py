@@ -1,41 +1,46 @@
 """All patches of a class, odd ones first."""
 
 import math
-from types import SimpleNamespace
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from tests.fixtures import tiny_labels
 from tests.waiting import until
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
 from tokt.labels.page.state import review_sheet
 from tokt.labels.page.state.frame_features import FrameFeatures
-from tokt.labels.page.state.review_sheet import ReviewSheet, rank
+from tokt.labels.page.state.review_sheet import rank
 
 FIRST_PAGE = 50
 Cells = dict[str, list[tuple[str, int, int]]]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def features(tiny):
+    """All frames of the tiny mission, looked at."""
     made = FrameFeatures(open_mission(tiny.path), Grid())
-    yield made
+    yield look_at_all(made, patches_by_label())
     made.background.close()
 
 
-@pytest.fixture
-def cells(tiny_truth):
+def patches_by_label():
     """The tiny mission's patches by their label."""
     found = {}
-    for _, camera, frame, row, col, label in tiny_truth.labels():
+    for _, camera, frame, row, col, label in tiny_labels():
         found.setdefault(label, []).append((camera, frame, row * 10 + col))
     return found
 
 
-def looked_at(features, cells):
+@pytest.fixture
+def cells():
+    """`patches_by_label`, which a test may change."""
+    return patches_by_label()
+
+
+def look_at_all(features, cells):
     for some in cells.values():
         features.locate(some)
     features.background.start()
@@ -65,7 +70,7 @@ def cells_of(ranked):
 )
 def test_planted_wrong_labels_come_first(features, cells, of, into):
     wrong = plant(cells, of, into, 6)
-    ranked = rank(looked_at(features, cells), cells, into)
+    ranked = rank(features, cells, into)
     assert set(wrong) <= set(cells_of(ranked)[:FIRST_PAGE])
     assert set(wrong) & set(cells_of(ranked)[:3])
     assert sorted(cells_of(ranked)) == cells[into] and ranked.ready
@@ -73,29 +78,10 @@ def test_planted_wrong_labels_come_first(features, cells, of, into):
     assert values == sorted(values) and values[0] < 0 < values[-1]
 
 
-def test_the_sheet_says_how_the_order_was_made(features, cells):
-    looked_at(features, cells)
-    # Frames 1..40 are in blocks 0, 1 and 2 (frame 40).
-    assert rank(features, cells, "ocean").by == (
-        "decision value against the other classes, cross-validated: 3 folds of whole blocks of"
-        " 20 frames, linear SVM on LBP and Haralick features"
-    )
-    assert "for cross-validation it needs a second class" in rank(features, cells, "unsure").by
-    alone = {"ocean": cells["ocean"], "unsure": cells["unsure"]}
-    assert "needs a second class" in rank(features, alone, "ocean").by
-    one_block = {name: [cell for cell in c if cell[1] < 20] for name, c in cells.items()}
-    ranked = rank(features, one_block, "ocean")
-    assert "distance from the class's median" in ranked.by
-    assert ranked.by.endswith("needs patches in two blocks of 20 frames")
-    class_in_one = {**cells, "subsea_installation": one_block["subsea_installation"]}
-    assert "distance" in rank(features, class_in_one, "subsea_installation").by
-
-
 def test_no_classifier_saw_the_block_of_the_patch_it_judges(features, cells, monkeypatch):
     from sklearn.preprocessing import StandardScaler
     from sklearn.svm import LinearSVC
 
-    looked_at(features, cells)
     known = features.snapshot()
     block_of = {
         known.features[row, cell].tobytes(): int(known.numbers[row]) // 20
@@ -124,26 +110,36 @@ def test_no_classifier_saw_the_block_of_the_patch_it_judges(features, cells, mon
 def test_without_a_second_class_odd_is_what_is_far_from_the_middle(features, cells):
     wrong = plant(cells, "subsea_installation", "ocean", 6)
     only = {"ocean": cells["ocean"]}
-    ranked = rank(looked_at(features, only), only, "ocean")
+    ranked = rank(features, only, "ocean")
     assert set(wrong) <= set(cells_of(ranked)[:FIRST_PAGE])
     assert all(patch.value <= 0 for patch in all_of(ranked))
 
 
-def test_before_all_frames_are_looked_at_nothing_is_missing(features, cells):
+def test_before_all_frames_are_looked_at_nothing_is_missing(tiny, cells):
+    features = FrameFeatures(open_mission(tiny.path), Grid())
     ranked = rank(features, cells, "ocean")
     assert (ranked.done, ranked.of, ranked.ready) == (0, 40, False)
     assert cells_of(ranked) == cells["ocean"] and math.isnan(all_of(ranked)[0].value)
     assert ranked.by == "in the order of the frames: none has been looked at so far"
-    looked_at(features, cells)
-    again = rank(features, cells, "ocean")
-    assert again.ready and "cross-validated" in again.by
+
+
+def test_the_sheet_says_how_the_order_was_made(features, cells):
+    ranked = rank(features, cells, "ocean")
+    assert ranked.ready and "cross-validated: 3 folds of whole blocks" in ranked.by
+    alone = {"ocean": cells["ocean"], "unsure": cells["unsure"]}
+    assert "needs a second class" in rank(features, alone, "ocean").by
+    one_block = {name: [cell for cell in c if cell[1] < 20] for name, c in cells.items()}
+    for by_name in (one_block, {**cells, "subsea_installation": one_block["subsea_installation"]}):
+        assert "needs patches in two blocks" in rank(features, by_name, "subsea_installation").by
+    nobody_used = rank(features, cells, "reef")
+    assert len(nobody_used.cells) == 0 and nobody_used.patches(0, 200) == []
 
 
 def test_an_unreadable_frame_comes_last(own_tiny, cells):
     (own_tiny.path / "Left" / "tiny_L_7.png").write_bytes(b"")
     cv2.imwrite(str(own_tiny.path / "Left" / "tiny_L_8.png"), np.zeros((3, 500), np.uint8))
     features = FrameFeatures(open_mission(own_tiny.path), Grid())
-    ranked = rank(looked_at(features, cells), cells, "ocean")
+    ranked = rank(look_at_all(features, cells), cells, "ocean")
     features.background.close()
     last = [cell for cell in cells["ocean"] if cell[1] in (7, 8)]
     assert cells_of(ranked)[-len(last) :] == last and ranked.ready
@@ -151,34 +147,9 @@ def test_an_unreadable_frame_comes_last(own_tiny, cells):
         assert math.isnan(patch.value) == (place >= len(ranked.cells) - len(last))
 
 
-def test_pages_of_one_ranking_are_computed_once(tiny, cells, monkeypatch):
-    said = {"anna": (5, cells), "ben": (6, {**cells, "ocean": cells["ocean"][:10]})}
-    board: Any = SimpleNamespace(
-        grid=Grid(),
-        names=list(cells),
-        last_event=lambda who: said[who][0],
-        cells_of_class=lambda who, name: said[who][1][name],
-    )
-    sheet = ReviewSheet(open_mission(tiny.path), board)
-    until(lambda: sheet.ranked("anna", "ocean").ready)
-    first = all_of(sheet.ranked("anna", "ocean"))
-    with monkeypatch.context() as patched:
-        patched.setattr(review_sheet, "_values", lambda *a: pytest.fail("computed again"))
-        assert sheet.ranked("anna", "ocean").patches(20, 23) == first[20:23]
-    assert len(sheet.ranked("ben", "ocean").cells) == 10
-    assert all_of(sheet.ranked("anna", "ocean")) == first  # seeded
-    sheet.background.close()
-
-
-def test_a_label_nobody_used_has_no_patches(features, cells):
-    ranked = rank(looked_at(features, cells), cells, "reef")
-    assert len(ranked.cells) == 0 and ranked.patches(0, 200) == []
-    assert len(rank(features, {}, "ocean").cells) == 0
-
-
 def test_more_patches_than_are_trained_on_are_all_ranked(features, cells, monkeypatch):
     monkeypatch.setattr(review_sheet, "MAX_TRAINED", 200)
     wrong = plant(cells, "ocean", "subsea_installation", 4)
-    ranked = rank(looked_at(features, cells), cells, "subsea_installation")
+    ranked = rank(features, cells, "subsea_installation")
     assert not any(math.isnan(patch.value) for patch in all_of(ranked))
     assert set(wrong) <= set(cells_of(ranked)[:FIRST_PAGE])

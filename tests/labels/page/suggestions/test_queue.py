@@ -6,12 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tokt.features.frames.grid import Grid
-from tokt.features.frames.mission import open_mission
 from tokt.labels.page.suggestions.queue import next_frames
-from tokt.labels.page.suggestions.suggester import Suggester
 from tokt.labels.page.suggestions.suggestion_table import MissionSuggestions
-from tokt.models.bundle.bundle import read_bundle
 
 PATCHES = 20
 
@@ -140,21 +136,3 @@ def test_with_two_cameras_and_several_classes_the_reason_says_so():
     (entry,) = next_frames(several, [("right", 10)], 1)
     assert re.match(r"5 patches within [\d.]+ of a second class; looks ", entry.why)
     assert re.search(r"(left|right) frame 10\)?$", entry.why)
-
-
-def test_margins_of_any_size_will_do():
-    small = dive(100, {30: 5, 60: 9})
-    large = replace(small, values=small.values * 1e4)
-    none = replace(small, values=np.zeros((100, PATCHES)))
-    assert names(next_frames(small, [], 20)) == names(next_frames(large, [], 20))
-    assert next_frames(none, [], 1)[0].why.startswith("20 patches within 0 of the threshold")
-
-
-def test_the_queue_of_a_real_model(tiny, tiny_bundle, tmp_path):
-    mission = open_mission(tiny.path)
-    suggester = Suggester(read_bundle(tiny_bundle), mission, Grid(), tmp_path)
-    for frame in mission.frames():
-        suggester.of("left", frame)
-    queue = next_frames(suggester.known(), [("left", frame) for frame in range(1, 21)], 40)
-    assert sorted(entry.frame for entry in queue) == list(range(21, 41))
-    suggester.close()

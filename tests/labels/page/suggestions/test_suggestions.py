@@ -130,16 +130,6 @@ def test_what_is_kept_of_other_files_or_models_is_not_used(
     assert np.array_equal(before.values, after.values) == (change != "frame")
 
 
-def test_other_files_in_the_missions_folder_do_not_matter(own_tiny, bundle, monkeypatch):
-    workspace = own_tiny.path / ".tokt"
-    finished(Suggester(bundle, open_mission(own_tiny.path), Grid(), workspace))
-    (workspace / "labels.db").write_text("as if somebody had labelled")
-    mission = open_mission(own_tiny.path)
-    reads = counted(mission, monkeypatch)
-    finished(Suggester(bundle, mission, Grid(), workspace))
-    assert not reads
-
-
 def test_a_frame_that_could_not_be_read_is_read_again_the_next_time(
     own_tiny, bundle, tmp_path, monkeypatch
 ):
@@ -202,13 +192,6 @@ def test_many_threads_ask_while_all_is_computed(tiny, bundle, tmp_path):
     with ThreadPoolExecutor(4) as pool:
         assert all(pool.map(ask, [*range(40, 0, -1)] * 3))
     until(lambda: ready(suggester))
-    suggester.close()
-
-
-def test_requests_do_not_stop_the_computing(tiny, bundle, tmp_path):
-    suggester = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
-    suggester.background.start()
-    until(lambda: suggester.background.give_way() or suggester.progress[0] >= 5)
     suggester.close()
 
 
