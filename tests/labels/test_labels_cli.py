@@ -5,7 +5,6 @@ import sqlite3
 import pytest
 
 from tests.calls import refused, succeeds
-from tests.fixtures import taxonomy_toml
 from tests.inference.test_faults import hold_row
 
 HEADER = "mission,camera,frame,row,col,label\n"
@@ -88,27 +87,10 @@ def test_agreement_of_files_and_annotators(folder):
     assert "which has ann, bob" in _refused(folder, "agreement", "ann", "eve")
 
 
-@pytest.mark.parametrize(
-    ("row", "message"),
-    [
-        ("dive,left,2,0,0,fish", "line 12: unknown class 'fish'"),
-        ("dive,left,2,10,0,ocean", "line 12: row 10 col 0 is outside the grid"),
-        ("dive,left,1,0,3,reef", "is labelled on line 5 already"),
-        ("dive,left,2,0,0", "line 12: 5 fields"),
-    ],
-)
-def test_a_wrong_line_imports_nothing(folder, row, message):
-    (folder / "bad.csv").write_text(ANN + row + "\n")
-    assert message in _refused(folder, "import", "bad.csv")
+def test_a_wrong_line_imports_nothing(folder):
+    (folder / "bad.csv").write_text(ANN + "dive,left,2,0,0,fish\n")
+    assert "line 12: unknown class 'fish'" in _refused(folder, "import", "bad.csv")
     assert not (folder / ".tokt").exists()
-
-
-def test_own_classes(folder):
-    (folder / "cage.csv").write_text(HEADER + "dive,left,1,0,0,cage\n")
-    assert "unknown class 'cage'" in _refused(folder, "import", "cage.csv")
-    (folder / ".tokt").mkdir()
-    (folder / ".tokt" / "taxonomy.toml").write_text(taxonomy_toml(ocean=False, cage=True))
-    _good(folder, "import", "cage.csv")
 
 
 def test_other_mistakes_are_one_line(folder):

@@ -98,15 +98,3 @@ def test_foreign_file(labels, tmp_path, dive):
         assert store.missions() == ["wreck"]
     ran = labels("import", "fish.csv", "--map", "fish")
     assert ran.code == 2 and "not of the form THEIRS=OURS" in ran.err
-
-
-def test_settlements_are_left_out_of_six_columns_and_named(labels, tmp_path, dive):
-    with LabelStore(tmp_path / ".tokt" / "labels.db") as store:
-        store.add([said("sand", 1, 3, camera="right", annotator="ann", source="settled")])
-    ran = labels("export", "six.csv", "--annotator", "ann")
-    assert ran.code == 0 and "CSV: 1 settlement left out (--full keeps them)" in ran.err
-    ran = labels("export", "out.json", "--format", "coco", "--mission-dir", dive, "--json")
-    assert json.loads(ran.out)["labels"] == 4
-    assert json.loads(labels("import", "out.json", "--json", store="copy").out)["labels"] == 4
-    with LabelStore(tmp_path / "copy" / "labels.db") as store:
-        assert [record.annotator for record in store.settled()] == ["ann"]

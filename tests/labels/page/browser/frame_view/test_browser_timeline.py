@@ -87,19 +87,6 @@ def test_bands_show_the_classes_that_i_gave_at_once_and_nobody_elses(strip, serv
     assert until(lambda: reef in strip.colours(31))
 
 
-def test_zoomed_in_each_frame_can_be_hit(strip):
-    strip.hover(strip.middle(30))
-    strip.page.mouse.wheel(0, -2000)  # as near as it goes: 20 frames, 30 stays under the pointer
-    first = 30 + 0.5 - 20 * (30 - 0.5) / 40
-    x = strip.middle(33, first, 20)
-    strip.page.mouse.click(strip.box["x"] + x, strip.box["y"] + 20)
-    strip.view.wait(33)
-    strip.page.locator(".timeline").focus()
-    strip.view.press("0")
-    strip.hover(strip.middle(12))
-    strip.view.shows(".peek", "frame 12 ")
-
-
 PLAYS = """on => document.querySelector(".player button").getAttribute("aria-pressed") === on"""
 TOLD = """() => {
   const output = document.querySelector(".player output");
