@@ -4,31 +4,15 @@
 
 const OBSTACLE = 1, CLEAR = 0, UNKNOWN = -1;
 
-/** The rule of frames: `step` and `now` are steps of a model's thresholds, `margin` and
- * `margin_now` the same as values; `now` and `margin_now` are null where nothing stops at once.
- * @typedef { {margin: number, margin_now: ?number, least_patches: number, hits: number,
- *   window: number}} Rule
- * @typedef {Pick<Rule, "least_patches" | "hits" | "window"> & {step: number, now: ?number}} StepRule
- *
- * `ranks`: of each frame's patches; `judged`: whether the model saw a frame; `white`: patches at once.
- * @typedef { {ranks: Uint8Array, judged: boolean[], patches: number, white: number,
- *   thresholds: number[], true_positive: number[], false_positive: number[], rule: Rule}} Model
- * @typedef { {name: string, start: number, stop: number}} Sequence
- * @typedef { {models: Record<string, Omit<Model, "ranks"> & {ranks: string}>,
- *   sequences: Sequence[], obstacle: number,
- *   frames: {gap: number[], ocean: boolean[], obstacle: boolean[], number: number[]}}} Explorer
- * @typedef {"precision" | "recall" | "f1"} Figure
- */
+/** @import { Explorer, Figure, Model, Rule, Sequence, StepRule } from "./explorer_types.js" */
 
 /** @type {Explorer} */
 const explorer = JSON.parse(document.getElementById("comparison")?.textContent ?? "").explorer;
 /** @type {Figure[]} */
 const FIGURES = ["precision", "recall", "f1"];
 
-/** A model with its ranks: a patch's score exceeds thresholds[k] exactly where its rank exceeds k.
- * @param {string} name @returns {Model}
- */
-function decoded(name) {
+/** A patch's score exceeds thresholds[k] exactly where its rank exceeds k. @returns {Model} */
+function decoded(/** @type {string} */ name) {
   const model = explorer.models[name];
   return { ...model, ranks: Uint8Array.from(atob(model.ranks), (byte) => byte.charCodeAt(0)) };
 }
@@ -52,21 +36,18 @@ class RuleState {
     return UNKNOWN;
   }
 
-  /** @param {?Uint8Array} ranks */
-  push(ranks) {
+  push(/** @type {?Uint8Array} */ ranks) {
     this.count(this.last.shift() ?? null, -1);
     this.count(ranks, 1);
     this.last.push(ranks);
   }
 
-  /** @param {?Uint8Array} place @param {number} by */
-  count(place, by) {
+  count(/** @type {?Uint8Array} */ place, /** @type {number} */ by) {
     this.known += place ? by : 0;
     place?.forEach((rank, patch) => { if (rank > this.rule.step) this.counts[patch] += by; });
   }
 
-  /** @param {Uint8Array} ranks */
-  add(ranks) {
+  add(/** @type {Uint8Array} */ ranks) {
     this.push(ranks);
     const { now, hits, window } = this.rule;
     const unknown = window - this.known;
@@ -81,8 +62,7 @@ class RuleState {
   }
 }
 
-/** @param {Model} model @param {StepRule} rule */
-function statuses(model, rule) {
+function statuses(/** @type {Model} */ model, /** @type {StepRule} */ rule) {
   const found = new Array(model.judged.length);
   for (const { start, stop } of explorer.sequences) {
     const state = new RuleState(rule, model.patches, model.white);
@@ -95,10 +75,8 @@ function statuses(model, rule) {
   return found;
 }
 
-/** The first of three frames in a row with status 1; a gap in the frames breaks a row.
- * @param {number[]} found @param {Sequence} sequence
- */
-function firstDetection(found, { start, stop }) {
+/** The first of three frames in a row with status 1; a gap in the frames breaks a row. */
+function firstDetection(/** @type {number[]} */ found, /** @type {Sequence} */ { start, stop }) {
   let row = 0;
   for (let i = start; i < stop; i++) {
     if (i > start && explorer.frames.gap[i]) row = 0;
@@ -121,8 +99,7 @@ function patchFigures(model, step) {
   };
 }
 
-/** @param {Model} model @param {StepRule} rule */
-function frameFigures(model, rule) {
+function frameFigures(/** @type {Model} */ model, /** @type {StepRule} */ rule) {
   const found = statuses(model, rule);
   /** @param {boolean[]} of */
   const count = (of) => of.filter((yes, i) => yes && found[i] === OBSTACLE).length;
@@ -135,8 +112,7 @@ function frameFigures(model, rule) {
     const said = at === null ? "none" : `${number[at]}${early ? " (before any labelled obstacle)" : ""}`;
     return name + said;
   });
-  /** @param {boolean[]} of */
-  const total = (of) => of.filter(Boolean).length;
+  const total = (/** @type {boolean[]} */ of) => of.filter(Boolean).length;
   return {
     falseStatus: `${count(ocean)} / ${total(ocean)}`,
     detected: `${count(obstacle)} / ${total(obstacle)}`,
@@ -144,11 +120,9 @@ function frameFigures(model, rule) {
   };
 }
 
-/** @param {?number} value */
-const written = (value) => (value === null ? "–" : value.toFixed(3));
+const written = (/** @type {?number} */ value) => (value === null ? "–" : value.toFixed(3));
 
-/** @param {number[]} thresholds @param {number} value */
-function nearest(thresholds, value) {
+function nearest(/** @type {number[]} */ thresholds, /** @type {number} */ value) {
   const distances = thresholds.map((t) => Math.abs(t - value));
   return distances.indexOf(Math.min(...distances));
 }
@@ -162,15 +136,13 @@ function element(name, attributes) {
 
 const WIDTH = 480, HEIGHT = 170, LEFT = 26, TOP = 10, FOOT = 6;
 
-/** By step, as the slider moves, not by value. @param {number[]} thresholds @param {number} step */
-function across(thresholds, step) {
+/** By step, as the slider above moves: not by value. */
+function across(/** @type {number[]} */ thresholds, /** @type {number} */ step) {
   return LEFT + ((WIDTH - LEFT - 6) * step) / Math.max(1, thresholds.length - 1);
 }
 
-/** @param {HTMLElement} svg @param {Model} model */
-function drawCurves(svg, model) {
-  /** @param {number} value */
-  const up = (value) => TOP + (HEIGHT - FOOT - TOP) * (1 - value);
+function drawCurves(/** @type {HTMLElement} */ svg, /** @type {Model} */ model) {
+  const up = (/** @type {number} */ value) => TOP + (HEIGHT - FOOT - TOP) * (1 - value);
   for (const value of [0, 0.5, 1]) {
     svg.append(element("line", { class: "axis", x1: LEFT, x2: WIDTH, y1: up(value), y2: up(value) }));
     const text = element("text", { x: 0, y: up(value) + 4 });
@@ -186,8 +158,7 @@ function drawCurves(svg, model) {
     });
     svg.append(element("polyline", { class: figure, points: points.join(" ") }));
   }
-  /** @param {string} name @param {number} value */
-  const line = (name, value) => {
+  const line = (/** @type {string} */ name, /** @type {number} */ value) => {
     const x = across(model.thresholds, nearest(model.thresholds, value));
     const made = element("line", { class: name, x1: x, x2: x, y1: 0, y2: HEIGHT - FOOT });
     svg.append(made);
@@ -198,18 +169,15 @@ function drawCurves(svg, model) {
   return line("now", 0);
 }
 
-/** @param {HTMLElement} form */
-function explore(form) {
+function explore(/** @type {HTMLElement} */ form) {
   const model = decoded(form.dataset.model ?? "");
   /** @param {string} name */
   const part = (name) => /** @type {HTMLElement} */ (form.querySelector(`[data-is="${name}"]`));
-  /** @param {string} name */
-  const input = (name) => /** @type {HTMLInputElement} */ (part(name));
+  const input = (/** @type {string} */ name) => /** @type {HTMLInputElement} */ (part(name));
   const slider = input("slider"), least = input("least"), hits = input("hits"), frames = input("window");
   const atOnce = input("at-once"), own = model.rule;
   const here = drawCurves(part("chart"), model);
-  /** @param {HTMLInputElement} from */
-  const whole = (from) => {
+  const whole = (/** @type {HTMLInputElement} */ from) => {
     const value = Math.round(Number(from.value)) || 1;
     return Math.min(Number(from.max), Math.max(1, value));
   };
@@ -237,8 +205,7 @@ function explore(form) {
     here.setAttribute("x2", String(x));
   }
 
-  /** @param {Rule} rule */
-  function put(rule) {
+  function put(/** @type {Rule} */ rule) {
     slider.value = String(nearest(model.thresholds, rule.margin));
     least.value = String(rule.least_patches);
     hits.value = String(rule.hits);

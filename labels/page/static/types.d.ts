@@ -1,7 +1,8 @@
 // Types that the rooms above core share, with those of core; see core/types.d.ts.
 
 import type {
-  FrameLabels, Grid, Head, LabelClass, Patch, Place, Refused, SheetAnswer, SheetPatch,
+  ByCamera, Command, FrameLabels, Grid, Head, KeyEntry, LabelClass, Patch, Place, Refused,
+  SheetAnswer, SheetPatch, Turn,
 } from "./core/types.js";
 import type { PatchCursor } from "./core/patch_grid.js";
 import type { Beside } from "./frame/beside.js";
@@ -14,8 +15,24 @@ import type { Thumb } from "./overview/thumb.js";
 import type { TileGrid, TileSelection } from "./sheets/tile_grid.js";
 
 export type * from "./core/types.js";
+export type { FrameCanvas, FrameShow, Thumb };
+export type { Viewport } from "./frame/viewport.js";
+
+/** Words by what they stand for. */
+export type Words = Record<string, string>;
 
 // saving/labels.js
+
+/** What an action changes. */
+export type OwnLabels = Pick<FrameLabels, "mine" | "settled" | "models">;
+
+/** Whether a change holds for a cell. */
+export type Holds = (cell: number) => boolean;
+
+/** `pending`: cells that the server has not acknowledged. */
+export type ShownLabels = FrameLabels & { pending: Set<number> };
+
+export type Batch = { frames: number[] } & PromiseWithResolvers<unknown>;
 
 /** What is known of frames, each by its key. */
 export interface KnownLabels {
@@ -30,32 +47,16 @@ export interface KnownLabels {
   modelDone: number;
 }
 
-/** `pending`: cells that the server has not acknowledged. */
-export type ShownLabels = FrameLabels & { pending: Set<number> };
+// saving/live.js
 
-export type Batch = { frames: number[] } & PromiseWithResolvers<unknown>;
+export interface LiveState {
+  source: EventSource | null;
+  tries: number;
+  timer: number;
+  opened: boolean;
+}
 
 // saving/outbox.js
-
-/** The actions that wait. */
-export interface WaitingEntries {
-  queue: Entry[];
-  /** The same by the frames that they change. */
-  byFrame: Map<string, Entry[]>;
-  page: string;
-  /** How many entries were kept so far. */
-  count: number;
-}
-
-/** What was not written. */
-export interface Unwritten {
-  /** What the server refused, each with its `refusal`. */
-  aside: Entry[];
-  /** Entries in this browser that are another mission's or another person's. */
-  foreign: Entry[];
-  /** What there is to decide. */
-  conflicts: NotedConflict[];
-}
 
 /** An action of the page: what is kept in the browser and sent. */
 export interface Entry {
@@ -67,7 +68,7 @@ export interface Entry {
   mission: string;
   /** As the server names it. */
   grid: Grid;
-  /** What the person did, for messages. */
+  /** What the person did, for messages; "confirm" also says what holds already. */
   kind: string;
   /** "human" or "settled". */
   source: string;
@@ -103,9 +104,35 @@ export interface NotedConflict extends Refused {
   kept?: boolean;
 }
 
+/** The actions that wait. */
+export interface WaitingEntries {
+  queue: Entry[];
+  /** The same by the frames that they change. */
+  byFrame: Map<string, Entry[]>;
+  page: string;
+  /** Of entries kept so far. */
+  count: number;
+}
+
+/** What was not written. */
+export interface Unwritten {
+  /** What the server refused, each with its `refusal`. */
+  aside: Entry[];
+  /** What is in this browser of another mission's or another person's. */
+  foreign: Entry[];
+  /** To decide. */
+  conflicts: NotedConflict[];
+}
+
 // saving/saver.js
 
-/** What the saver is about. */
+export type SaveState = "saved" | "saving" | "offline" | "refused";
+
+export interface Wanted extends Omit<Change, "model" | "base"> {
+  model?: string | null;
+  base?: (string | null)[];
+}
+
 export interface SaverState {
   idleWaiters: (() => void)[];
   running: boolean;
@@ -132,12 +159,8 @@ export interface KnownHistory {
   steps: Promise<Head | null>;
 }
 
-export type SaveState = "saved" | "saving" | "offline" | "refused";
-
-export interface Wanted extends Omit<Change, "model" | "base"> {
-  model?: string | null;
-  base?: (string | null)[];
-}
+/** `source`: as of an Entry; `hold`: not sent for a moment, so that it can be withdrawn. */
+export type ActOptions = { source?: string, hold?: boolean };
 
 /** A patch, the label it shall have, and the one it is shown with. */
 export interface LabelledPatch extends Patch {
@@ -146,7 +169,25 @@ export interface LabelledPatch extends Patch {
   model?: string | null;
 }
 
+// labelling/blind_list.js
+
+export interface BlindList {
+  /** In the mission's order; null while they are not known. */
+  frames: Place[] | null;
+  /** "camera/frame" */
+  names: Set<string>;
+  /** Whose frames they are. */
+  of: string;
+  asking: Promise<{ cameras: ByCamera }> | null;
+}
+
 // labelling/cell_drawing.js
+
+/** Of a canvas. */
+export type Context = CanvasRenderingContext2D;
+
+/** `ink`: the text's colour. */
+export type DrawText = (ctx: Context, text: string, x: number, y: number, ink: string) => void;
 
 export type Box = { x: number, y: number, width: number, height: number };
 
@@ -171,7 +212,23 @@ export interface ShownCell {
 
 export type NumberSetting = "enhance" | "tint" | "confidence" | "follow";
 
+// labelling/filters.js
+
+/** Whether a filter lets a frame through. */
+export type Passes = (camera: string, frame: number) => boolean;
+
+// labelling/frame_states.js
+
+/** What frames in a state look like; `height`: part of the strip's. */
+export type FrameLook = { words: string, colour: string, height: number };
+
 // labelling/painting.js
+
+/** `cells`: these only; `all`: also those below the threshold. */
+export type AcceptOptions = { cells?: number[], all?: boolean };
+
+/** `left`: how many stay as they are; `waits`: what the model says is not known yet. */
+export type Rest = { cells: number[], left: number, waits: boolean };
 
 /** A proposal for a patch without a label of mine; `strong`: taken by "accept the confident ones";
  * `kept`: from the frame before; `model`: the version to record; `said`: what the model says;
@@ -225,6 +282,17 @@ export interface PainterRow extends Partial<LabelClass> {
   group?: boolean;
 }
 
+export interface PainterButton {
+  name: string;
+  group?: boolean;
+  depth?: number;
+  on: boolean;
+  colour: string;
+  sign: string;
+  title: unknown[];
+  disabled: boolean;
+}
+
 // frame/frame_canvas.js
 
 /** What is drawn; `dim`: the picture is of before; `plain`: the picture and grid only; `pending`:
@@ -255,25 +323,20 @@ export interface Hit {
   head: { row?: number, col?: number } | null;
 }
 
+// frame/frame_commands.js
+
+/** By name; `release`: what follows when the key comes up. */
+export type HeldCommands = Record<string, Command & Pick<KeyEntry, "release">>;
+
+// frame/frame_keys.js
+
+export type KeyRow = [command: string, keys: string[], group: string, does: string];
+
 // frame/frame_painting.js
 
 export type How = "paint" | "erase" | "confirm" | "unsure";
 
 // frame/frame_state.js
-
-export interface FrameState {
-  /** Null while another view is shown. */
-  page: FramePage | null;
-  /** What the chosen tool does. */
-  tool: "paint" | "erase" | "confirm";
-  /** Why this frame is shown, where it was asked for. */
-  why: string;
-  /** While the space bar is down. */
-  space: { panned: boolean } | null;
-  /** Where the person was, to come back to. */
-  last: Place | null;
-  cursor: PatchCursor;
-}
 
 /** What is on the page while the view is shown. */
 export interface FramePage {
@@ -307,6 +370,21 @@ export interface FramePage {
   noted?: number;
 }
 
+/** All of the view's state. */
+export interface FrameState {
+  /** Null while another view is shown. */
+  page: FramePage | null;
+  /** What the chosen tool does. */
+  tool: "paint" | "erase" | "confirm";
+  /** Why this frame is shown, where it was asked for. */
+  why: string;
+  /** While the space bar is down. */
+  space: { panned: boolean } | null;
+  /** Where the person was, to come back to. */
+  last: Place | null;
+  cursor: PatchCursor;
+}
+
 // frame/gestures.js
 
 export type PointerTool = "chosen" | "unsure" | "confirm";
@@ -335,20 +413,22 @@ export interface PointerGestures {
   busy: () => boolean;
 }
 
-// overview/overview_state.js
+// frame/play.js
 
-export interface OverviewState {
-  /** Null while another view is shown. */
-  parts: Parts | null;
-  /** Null until the shape of its pictures is known. */
-  page: Sheet | null;
-  /** The one asked for last: where the person was, to come back to. */
-  last: Sheet | null;
-  /** The key of what was painted since the button went down. */
-  painted: string | null;
-  /** The same of clicks that follow one another, as those of a double click. */
-  clicks: (string | null)[];
+export type ShowFrame = (camera: string, frame: number) => void;
+
+// overview/overview_bar.js
+
+/** What the bar's buttons do. */
+export interface BarCommands {
+  accept: (all: boolean) => void;
+  rest: () => void;
+  turn: Turn;
+  resize: Turn;
+  otherCamera: () => void;
 }
+
+// overview/overview_state.js
 
 /** Patches by what would happen to them; `waiting`: frames of which that is not known. */
 export interface Tally {
@@ -389,10 +469,34 @@ export interface Sheet {
   /** By the stroke. */
   touched: Set<Thumb>;
   /** The filter. */
-  passes: (camera: string, frame: number) => boolean;
+  passes: Passes;
+}
+
+/** All of the view's state. */
+export interface OverviewState {
+  /** Null while another view is shown. */
+  parts: Parts | null;
+  /** Null until the shape of its pictures is known. */
+  page: Sheet | null;
+  /** The one asked for last: where the person was, to come back to. */
+  last: Sheet | null;
+  /** The key of what was painted since the button went down. */
+  painted: string | null;
+  /** The same of clicks that follow one another, as those of a double click. */
+  clicks: (string | null)[];
 }
 
 // overview/thumb.js
+
+/** `onShape`: the picture has another shape than was believed; `onPicture`: it is there, or not. */
+export type ThumbHost = { onShape: () => void, onPicture: () => void };
+
+/** `painted`: cells of a stroke that goes on; `cursor`: cell of the keyboard's cursor. */
+export interface ThumbMarks {
+  excluded: boolean;
+  painted: Map<number, string> | null;
+  cursor: number | null;
+}
 
 /** What a frame shows; `waits`: the model has not come to it. */
 export interface ThumbContent {
@@ -422,6 +526,8 @@ export interface StrokeHost {
 
 export type Pair = { a: string, b: string };
 
+export type ChoosePair = (pair: Pair) => void;
+
 // sheets/sheet_view.js
 
 export type SheetTile = SheetPatch & { mine: string | null };
@@ -446,6 +552,9 @@ export interface GridHost<T extends Patch> {
   showSelection: () => void;
   open: (tile: T) => void;
 }
+
+/** Width in CSS pixels, margin around each patch in patches. */
+export type TileSize = { width: number, margin: number };
 
 export type Selecting = Pick<TileGrid<Patch>, "select" | "columns">;
 
@@ -489,6 +598,18 @@ export interface SheetPlace {
   unsure?: boolean | null;
 }
 
+/** How a sheet to decide on looks. `label`: what its grid holds; `filters`: what is filtered, for
+ * screen readers; `decided`: the word for patches that are not open; `margin`: around each patch,
+ * in patches; `place`: where the person was, or nothing.
+ */
+export interface DecisionOptions {
+  label: string;
+  filters: string;
+  decided: string;
+  margin: number;
+  place?: Partial<SheetPlace> | null;
+}
+
 // files/class_editor.js
 
 export type Field = "name" | "color" | "key" | "obstacle" | "parent" | "description";
@@ -497,7 +618,3 @@ export type Field = "name" | "color" | "key" | "obstacle" | "parent" | "descript
 
 /** Reads the chosen file. */
 export type Read = (named: Record<string, string>, apply?: boolean) => void;
-
-// start/header.js
-
-export type Person = { who: string, blind?: boolean };

@@ -1,7 +1,6 @@
 // Requests to the server: JSON there and back, errors as one sentence.
 
 import { who } from "./settings.js";
-
 /** @import { Answers, Imported, Params, Posted } from "./types.js" */
 
 const TIMEOUT_MS = 20000;
@@ -9,32 +8,25 @@ const SEND_MS = 600000;
 
 /** A request that failed. `status` 0: the server was not reached. */
 export class ApiError extends Error {
-  /** @param {number} status @param {string} message */
-  constructor(status, message) {
+  constructor(/** @type {number} */ status, /** @type {string} */ message) {
     super(message);
     this.name = "ApiError";
     this.status = status;
   }
 }
 
-/** What to give to `catch` of a request: it takes an ApiError, and the request then gives what
- * `handle(error)` gives. Any other fault goes on.
- * @template [T=undefined]
- * @param {(error: ApiError) => T} [handle]
- * @returns {(error: unknown) => T | undefined}
+/** What to give to `catch` of a request: an ApiError goes to `handle`, any other fault goes on.
+ * @template [T=undefined] @param {(error: ApiError) => T} [handle]
  */
 export function onFailure(handle) {
-  return (error) => {
+  return (/** @type {unknown} */ error) => {
     if (!(error instanceof ApiError)) throw error;
     return handle?.(error);
   };
 }
 
-/** The address of an API path with `who` and its parameters: those that are null or undefined are
- * left out, a list is repeated.
- * @param {string} path @param {Params} [params]
- */
-export function address(path, params = {}) {
+/** The address of an API path with `who` and its parameters. */
+export function address(/** @type {string} */ path, /** @type {Params} */ params = {}) {
   const query = new URLSearchParams();
   for (const [name, value] of Object.entries({ who: who() || null, ...params })) {
     for (const one of [value].flat()) if ((one ?? null) !== null) query.append(name, String(one));
@@ -42,21 +34,15 @@ export function address(path, params = {}) {
   return `${path}?${query}`;
 }
 
-/** GET a path; throws ApiError.
- * @template {keyof Answers} P
- * @param {P} path @param {Params} [params]
- * @returns {Promise<Answers[P]>}
- */
-export async function get(path, params = {}) {
+/** GET a path; throws ApiError. @template {keyof Answers} P @returns {Promise<Answers[P]>} */
+export async function get(/** @type {P} */ path, /** @type {Params} */ params = {}) {
   return request(address(path, params));
 }
 
 /** POST a body to a path; `who` is filled in where the body has none. Throws ApiError.
- * @template {keyof Posted} P
- * @param {P} path @param {object} body
- * @returns {Promise<Posted[P]>}
+ * @template {keyof Posted} P @returns {Promise<Posted[P]>}
  */
-export async function post(path, body) {
+export async function post(/** @type {P} */ path, /** @type {object} */ body) {
   return request(path, {
     method: "POST",
     headers: { "Content-Type": "application/json" },
@@ -65,8 +51,7 @@ export async function post(path, body) {
 }
 
 /** POST a file of labels to a path; throws ApiError.
- * @param {string} path @param {Params} params @param {File} file
- * @returns {Promise<Imported>}
+ * @param {string} path @param {Params} params @param {File} file @returns {Promise<Imported>}
  */
 export async function send(path, params, file) {
   const headers = { "Content-Type": "application/octet-stream" };

@@ -3,23 +3,22 @@
 
 import { button, el, say, setAttribute } from "./dom.js";
 import { colourOf, mission, signOf } from "./mission.js";
+/** @import { ApiError, Child, Choice, CommandButton, Commands, KeyFor } from "./types.js" */
+/** @import { Options, SayOptions, Turn } from "./types.js" */
 
-/** Patch of colour with the class's key, as colour is never the only sign. @param {string} name */
-export function swatch(name) {
+/** Patch of colour with the class's key in it, so that colour is never the only sign. */
+export function swatch(/** @type {string} */ name) {
   const mark = el("span", { class: "swatch", text: signOf(name), "aria-hidden": "true" });
   mark.style.backgroundColor = colourOf(name);
   return mark;
 }
 
-/** Swatch and name. @param {string} name */
-export function classTag(name) {
+export function classTag(/** @type {string} */ name) {
   return el("span", { class: "class-tag" }, swatch(name), el("span", { text: name }));
 }
 
-/** A button for each class that can be given: names only found in the store have no key.
- * @param {(name: string) => unknown} choose
- */
-export function classButtons(choose) {
+/** A button for each class that can be given: names only found in the store have no key. */
+export function classButtons(/** @type {(name: string) => unknown} */ choose) {
   const given = mission.classes.filter((one) => one.key);
   return given.map(({ name, key, description }) => {
     const title = `${description || name} (key ${key})`;
@@ -27,12 +26,10 @@ export function classButtons(choose) {
   });
 }
 
-/** What to do where a request fails: say why, after some words.
- * @param {string} [words] @param {{stays?: boolean}} [options]
- */
+/** What to do where a request fails: say why, after some words. @param {SayOptions} [options] */
 export function complain(words = "", options) {
-  /** @param {ApiError} error */
-  return ({ message }) => say(`${words} ${message}`.trim(), { bad: true, ...options });
+  return (/** @type {ApiError} */ { message }) =>
+    say(`${words} ${message}`.trim(), { bad: true, ...options });
 }
 
 /** What to say where there is nothing to show, and the button that leads on.
@@ -43,16 +40,9 @@ export function nothingYet(text, words, href) {
   return el("p", { class: "empty-state" }, `${text} `, onward);
 }
 
-/** @import { Child, Choice, Command, Options } from "./types.js" */
-/** @import { ApiError } from "./api.js" */
-
-/** Buttons of commands, whose titles say what they do and by which key.
- * @param {Record<string, Command>} commands By name.
- * @param {(command: string) => string} keyFor
- * @returns {(text: string, name: string, does: string, options?: Options<"button">) =>
- *   HTMLButtonElement}
- */
-export function commandButtons(commands, keyFor) {
+/** Buttons of commands, whose titles say what they do and by which key. */
+export function commandButtons(/** @type {Commands} */ commands, /** @type {KeyFor} */ keyFor) {
+  /** @type {CommandButton} */
   return (text, name, does, options) => {
     const keys = { "data-key": keyFor(name), "aria-keyshortcuts": keyFor(name) };
     const made = button(text, commands[name], { "data-command": name, ...keys, ...options });
@@ -63,7 +53,7 @@ export function commandButtons(commands, keyFor) {
 
 /** Let a button of `commandButtons` do what it does, or say `why` it cannot ("": it can); it keeps
  * the keyboard in any case. `does`: what it does, where that changed.
- * @param {HTMLButtonElement} made @param {string} [why] @param {string | undefined} [does]
+ * @param {HTMLButtonElement} made @param {string | undefined} [does]
  */
 export function allow(made, why = "", does = made.dataset.does) {
   setAttribute(made, "data-does", does);
@@ -71,8 +61,7 @@ export function allow(made, why = "", does = made.dataset.does) {
   setAttribute(made, "aria-disabled", why ? "true" : null);
 }
 
-/** A choice of one of several values, each as it is or as [value, words for it]; `options`: of the
- * element, as `el` takes them.
+/** A choice of one of several values; `options`: of the element, as `el` takes them.
  * @param {Choice[]} values @param {string} chosen @param {Options<"select">} [options]
  */
 export function choice(values, chosen, options) {
@@ -87,8 +76,7 @@ export function optionsOf(values, chosen) {
   });
 }
 
-/** @param {string} name @param {...Child} children */
-function group(name, ...children) {
+function group(/** @type {string} */ name, /** @type {Child[]} */ ...children) {
   return el("span", { class: "pager", role: "group", "aria-label": name }, ...children);
 }
 
@@ -106,10 +94,8 @@ export function pager(turn, range, ...more) {
   return group("pages", back, range, on, ...more);
 }
 
-/** Smaller pictures (`resize(-1)`), larger ones (`resize(1)`), further buttons.
- * @param {(step: number) => unknown} resize @param {...Child} more
- */
-export function sizeButtons(resize, ...more) {
+/** Smaller pictures (`resize(-1)`), larger ones (`resize(1)`), further buttons. */
+export function sizeButtons(/** @type {Turn} */ resize, /** @type {Child[]} */ ...more) {
   const smaller = named("−", "smaller pictures", "-", () => resize(-1));
   const larger = named("+", "larger pictures", "+", () => resize(1));
   return group("size of the pictures", smaller, larger, ...more);

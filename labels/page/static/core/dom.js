@@ -1,11 +1,10 @@
 // Making elements without markup in strings, drawing once, telling those who listen, and saying
 // things to screen readers.
 
-/** @import { Child, Options, Signal, Tag } from "./types.js" */
+/** @import { Child, Options, SayOptions, Signal, Tag } from "./types.js" */
 
 /** Make an element.
- * @template {Tag} T
- * @param {T} tag @param {Options<T>} [options] @param {...Child} children
+ * @template {Tag} T @param {T} tag @param {Options<T>} [options] @param {...Child} children
  */
 export function el(tag, options = {}, ...children) {
   const { text, on, ...attributes } = options;
@@ -39,13 +38,13 @@ export function redraw(root, what, draw) {
   root.replaceChildren(...draw());
 }
 
-/** Set an element's words, if they are others. @param {?Element} node @param {string} text */
-export function setText(node, text) {
+/** Set an element's words, if they are others. */
+export function setText(/** @type {?Element} */ node, /** @type {string} */ text) {
   if (node && node.textContent !== text) node.textContent = text;
 }
 
-/** A button that gives the keyboard back to the view after a click with the mouse, so that the
- * next Enter or Space is the view's and does not press the button again.
+/** A button that gives the keyboard back to the view after a click with the mouse, so that the next
+ * Enter or Space is the view's and does not press the button again.
  * @param {string} text @param {(event: MouseEvent) => unknown} run
  * @param {Options<"button">} [attributes] @param {...Child} children
  */
@@ -58,12 +57,10 @@ export function button(text, run, attributes, ...children) {
   return made;
 }
 
-/** Give the keyboard back to the view when a control was changed with the mouse, so that the next
- * key is the view's; who changes it with the keyboard stays on it. Returns the control.
+/** Give the keyboard back to the view when the mouse changed a control, which is returned.
  * @template {HTMLElement} C
- * @param {C} control
  */
-export function backAfterMouse(control) {
+export function backAfterMouse(/** @type {C} */ control) {
   let byMouse = false;
   control.addEventListener("pointerdown", () => (byMouse = true));
   control.addEventListener("keydown", () => (byMouse = false));
@@ -77,46 +74,41 @@ export function focusView() {
   if (home instanceof HTMLElement) home.focus({ preventScroll: true });
 }
 
-/** An element of the page that is always there. @param {string} id */
-export function byId(id) {
+/** An element of the page that is always there. */
+export function byId(/** @type {string} */ id) {
   const found = document.getElementById(id);
   if (!found) throw new Error(`the page has no element ${id}`);
   return found;
 }
 
-/** The first element of a tag inside another one, which is there.
- * @template {Tag} T
- * @param {Element} root @param {T} tag
- */
-export function part(root, tag) {
+/** The first element of a tag inside another one, which is there. @template {Tag} T */
+export function part(/** @type {Element} */ root, /** @type {T} */ tag) {
   return root.getElementsByTagName(tag)[0];
 }
 
-/** A dialog of the page. @param {string} id */
-export function dialogById(id) {
+export function dialogById(/** @type {string} */ id) {
   return /** @type {HTMLDialogElement} */ (byId(id));
 }
 
-/** What draws onto a canvas. @param {HTMLCanvasElement} canvas @param {boolean} [alpha] */
-export function contextOf(canvas, alpha = true) {
+/** What draws onto a canvas. */
+export function contextOf(/** @type {HTMLCanvasElement} */ canvas, alpha = true) {
   return /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha }));
 }
 
-/** What an event happened on. @param {Event} event */
-export function targetOf(event) {
+/** What an event happened on. */
+export function targetOf(/** @type {Event} */ event) {
   return /** @type {HTMLElement} */ (event.target);
 }
 
-/** Read a text out (polite live region), without showing it. @param {string} text */
-export function announce(text) {
+/** Read a text out (polite live region), without showing it. */
+export function announce(/** @type {string} */ text) {
   byId("announcer").textContent = text;
 }
 
 const toast = { timer: 0, stays: false };
 
-/** Show a sentence for some seconds, and read it out. `bad`: something was not done; `link`: the
- * address of the place that it is about; `stays`: it is not of what is shown.
- * @param {string} text @param {{bad?: boolean, link?: ?string, stays?: boolean}} [options]
+/** Show a sentence for some seconds, and read it out.
+ * @param {string} text @param {SayOptions} [options]
  */
 export function say(text, { bad = false, link = null, stays = false } = {}) {
   toast.stays = stays;
@@ -133,10 +125,8 @@ export function endToast() {
   if (!toast.stays) byId("toast").classList.remove("shown");
 }
 
-/** A function that runs `work` once before the next drawing, however often it is called.
- * @param {() => unknown} work
- */
-export function soon(work) {
+/** A function that runs `work` once before the next drawing, however often it is called. */
+export function soon(/** @type {() => unknown} */ work) {
   let waiting = false;
   return () => {
     if (waiting) return;
@@ -152,13 +142,11 @@ export function soon(work) {
 export function signal() {
   /** @type {Set<(...news: N) => unknown>} */
   const listeners = new Set();
-  /** @type {Signal<N>[0]} */
-  const listen = (listener) => {
+  const listen = (/** @type {(...news: N) => unknown} */ listener) => {
     listeners.add(listener);
     return () => listeners.delete(listener);
   };
-  /** @type {Signal<N>[1]} */
-  const tell = (...news) => {
+  const tell = (/** @type {N} */ ...news) => {
     for (const listener of [...listeners]) listener(...news);
   };
   return [listen, tell];

@@ -5,32 +5,23 @@
 import { dialogById, el } from "./dom.js";
 import { mission, selectClass } from "./mission.js";
 import { changeSetting, setSetting, setting } from "./settings.js";
+/** @import { KeyEntry, KeyTables, ViewKeys } from "./types.js" */
 
 const CONTRAST_STEP = 10;
 
-/** @import { KeyEntry, ViewKeys } from "./types.js" */
+/** @type {KeyTables} */
+const tables = { view: { title: "" }, everywhere: [], held: new Map() };
 
-const tables = {
-  /** @type {ViewKeys} Of the view that is shown. */
-  view: { title: "" },
-  /** @type {KeyEntry[]} That answer in every view, after the view's own. */
-  everywhere: [],
-  /** @type {Map<string, KeyEntry>} By the key's code: those that are down, to be released. */
-  held: new Map(),
-};
-
-/** Set the table of the view that is shown. @param {ViewKeys} view */
-export function setViewKeys(view) {
+export function setViewKeys(/** @type {ViewKeys} */ view) {
   tables.view = view;
   tables.held.clear();
 }
 
-/** Add entries that answer in every view. @param {KeyEntry[]} entries */
-export function addGlobalKeys(entries) {
+/** Add entries that answer in every view. */
+export function addGlobalKeys(/** @type {KeyEntry[]} */ entries) {
   tables.everywhere.push(...entries);
 }
 
-/** Begin to listen. */
 export function listen() {
   document.addEventListener("keydown", onKeyDown);
   document.addEventListener("keyup", onKeyUp);
@@ -38,8 +29,7 @@ export function listen() {
   addGlobalKeys([{ keys: ["?", "F1"], does: "these keys, and back", run: toggleHelp }]);
 }
 
-/** @param {KeyboardEvent} event */
-function onKeyDown(event) {
+function onKeyDown(/** @type {KeyboardEvent} */ event) {
   if (document.querySelector("dialog[open]") || ownsKey(event)) return;
   const entry = entryFor(event);
   if (!entry?.run || entry.run(event, nameOf(event)) === false) return;
@@ -47,20 +37,17 @@ function onKeyDown(event) {
   if (entry.release) tables.held.set(event.code, entry);
 }
 
-/** @param {KeyboardEvent} event */
-function onKeyUp(event) {
+function onKeyUp(/** @type {KeyboardEvent} */ event) {
   tables.held.get(event.code)?.release?.(event);
   tables.held.delete(event.code);
 }
 
-/** @param {Event} event */
-function releaseAll(event) {
+function releaseAll(/** @type {Event} */ event) {
   for (const entry of tables.held.values()) entry.release?.(event);
   tables.held.clear();
 }
 
-/** @param {KeyboardEvent} event @returns {KeyEntry | undefined} */
-function entryFor(event) {
+function entryFor(/** @type {KeyboardEvent} */ event) {
   const known = classFor(event);
   const { keys: own = [], classKeys = selectClass } = tables.view;
   if (known) return { keys: [], does: "", run: () => classKeys(known.name) };
@@ -72,16 +59,13 @@ function entryFor(event) {
   );
 }
 
-/** @param {KeyboardEvent} event */
-function classFor(event) {
+function classFor(/** @type {KeyboardEvent} */ event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return null;
   return mission.classes.find(({ key }) => key && key === event.key) ?? null;
 }
 
-/** Shift is part of a character ("N", "?") and said only with named keys and Ctrl.
- * @param {KeyboardEvent} event
- */
-function nameOf(event) {
+/** Shift is part of a character ("N", "?") and said only with named keys and Ctrl. */
+function nameOf(/** @type {KeyboardEvent} */ event) {
   let key = event.key === " " ? "Space" : event.key;
   if (event.altKey && /^(Key|Digit)/.test(event.code)) key = layoutKey(event);
   const character = [...key].length === 1;
@@ -96,17 +80,15 @@ function nameOf(event) {
   return parts.filter(Boolean).join("+");
 }
 
-/** Alt makes other characters on some keyboards: what is printed on the key counts.
- * @param {KeyboardEvent} event
- */
-function layoutKey({ key, code, shiftKey }) {
+/** Alt makes other characters on some keyboards: what is printed on the key counts. */
+function layoutKey(/** @type {KeyboardEvent} */ { key, code, shiftKey }) {
   if (/^[\x20-\x7e]$/.test(key)) return key;
   const letter = code.replace(/^(Key|Digit)/, "");
   return shiftKey ? letter : letter.toLowerCase();
 }
 
-/** What a control does with a key by itself stays its own. @param {KeyboardEvent} event */
-function ownsKey({ target, key, ctrlKey, altKey }) {
+/** What a control does with a key by itself stays its own. */
+function ownsKey(/** @type {KeyboardEvent} */ { target, key, ctrlKey, altKey }) {
   if (!(target instanceof HTMLElement)) return false;
   if (target instanceof HTMLInputElement) {
     if (target.type === "range") return /^(Arrow|Page|Home|End)/.test(key);
@@ -163,8 +145,7 @@ function tableRow(title, keys, does) {
   return { title, keys: keys.map(reachable), does };
 }
 
-/** @param {{keys: string[], does: string}} row */
-function keyRow({ keys, does }) {
+function keyRow(/** @type {{keys: string[], does: string}} */ { keys, does }) {
   const marks = keys.flatMap((key, at) => [at ? " " : null, el("kbd", { text: printed(key) })]);
   return el("tr", {}, el("td", {}, ...marks), el("td", { text: does }));
 }
@@ -172,13 +153,12 @@ function keyRow({ keys, does }) {
 /** @type {Record<string, string>} */
 const ARROWS = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" };
 
-/** @param {string} key */
-function printed(key) {
+function printed(/** @type {string} */ key) {
   return key.replace(/Arrow\w+/, (name) => ARROWS[name]);
 }
 
-/** How a page key can be pressed: with Alt where a class takes it. @param {string} key */
-export function reachable(key) {
+/** The form in which a page key can be pressed: with Alt where a class takes it. */
+export function reachable(/** @type {string} */ key) {
   return mission.classes.some((known) => known.key === key) ? `Alt+${key}` : key;
 }
 
@@ -194,7 +174,6 @@ export const lookKeys = [
 /** Opens and closes the drawer of settings. */
 export const DRAWER_KEY = "S";
 
-/** Open the drawer of settings, or close it. */
 export function toggleDrawer() {
   setSetting("drawer", !setting("drawer"));
 }

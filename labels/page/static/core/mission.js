@@ -3,16 +3,11 @@
 import { get, onFailure, post } from "./api.js";
 import { signal } from "./dom.js";
 import { setSetting, setting, setWho, who } from "./settings.js";
+/** @import { Derived, MissionAnswer, MissionState, News, Person, Signal } from "./types.js" */
 
 export { onSetting, setSetting, setting, who } from "./settings.js";
 
-/** @import { LabelClass, MissionAnswer, News, Signal } from "./types.js" */
-
-/** The last /api/mission. `states` holds one array of characters a camera; `blind` is whether who
- * works here labels blind, as the server says, which then hides what others said; `classes` are in
- * the taxonomy's order, then unsure, then names only found in the store.
- * @type {Omit<MissionAnswer, "states"> & {loaded: boolean, states: Record<string, string[]>}}
- */
+/** The last /api/mission. @type {MissionState} */
 export const mission = {
   loaded: false, mission: "", pictures: "", grid: { rows: 0, cols: 0, width: null }, cameras: {},
   classes: [], annotator: "", blind: false, annotators: [], model: null, fault: "", setup: "",
@@ -22,19 +17,10 @@ export const mission = {
 
 const LIGHT = 0.405; // 0.4, and what rounding may take
 
-/** What is derived of it, and counts that tell answers apart which are of no use any more. */
-const here = {
-  /** @type {Map<string, LabelClass>} */
-  byName: new Map(),
-  /** @type {Record<string, number[]>} The frames of each camera. */
-  frames: {},
-  settingsHeard: 0,
-  person: 0, // who works here and how: the next one's is another number
-};
+/** @type {Derived} */
+const here = { byName: new Map(), frames: {}, settingsHeard: 0, person: 0 };
 
-/** Be told that something of the mission changed: `onChange((what) => ...)` returns what stops it.
- * @type {Signal<[what: "all" | "states" | "status"]>}
- */
+/** @type {Signal<[what: "all" | "states" | "status"]>} Be told that something of it changed. */
 export const [onChange, changed] = signal();
 
 /** Ask the server for everything about the mission. Throws ApiError. */
@@ -51,27 +37,21 @@ export async function loadMission() {
   return answer;
 }
 
-/** What to say where an /api/mission answer is not of this page's mission; "" where it is.
- * @param {MissionAnswer} answer
- */
-export function strangerWords(answer) {
+/** What to say where an /api/mission answer is not of this page's mission; "" where it is. */
+export function strangerWords(/** @type {MissionAnswer} */ answer) {
   if (sameMission(answer)) return "";
   return `the server now shows mission ${answer.mission}; start it with ${mission.mission} again`;
 }
 
-/** Whether an /api/mission answer is about the mission this page was opened on: another server may
- * have been started on the same port.
- * @param {MissionAnswer} answer
- */
-export function sameMission(answer) {
+/** Whether an answer is of the mission this page was opened on, not of another on the same port. */
+export function sameMission(/** @type {MissionAnswer} */ answer) {
   const { rows, cols } = answer.grid;
   return (
     answer.mission === mission.mission && rows === mission.grid.rows && cols === mission.grid.cols
   );
 }
 
-/** @param {MissionAnswer} answer */
-function takeMission(answer) {
+function takeMission(/** @type {MissionAnswer} */ answer) {
   /** @type {Record<string, string[]>} */
   const states = {};
   for (const [camera, text] of Object.entries(answer.states)) states[camera] = [...text];
@@ -84,8 +64,8 @@ function takeMission(answer) {
   changed("all");
 }
 
-/** Take in what an acknowledgement or an event says. @param {News} news */
-export function takeNews(news) {
+/** Take in what an acknowledgement or an event says. */
+export function takeNews(/** @type {News} */ news) {
   // Classes or the model were changed, here or elsewhere.
   if (news.setup && news.setup !== mission.setup) loadMission().catch(onFailure());
   if ((news.event ?? 0) > mission.event) mission.event = news.event ?? 0;
@@ -113,12 +93,12 @@ function setState(camera, frame, state) {
   if (index >= 0) mission.states[camera][index] = state;
 }
 
-/** Be told that another person works here, before the mission is loaded anew. @type {Signal<[]>} */
+/** @type {Signal<[]>} Be told that another person works here, before the mission is loaded anew. */
 export const [onReload, personChanged] = signal();
 
 /** Work as somebody else, or hide (or show again) what others and the model said to this person,
  * everywhere. Another name holds at once, also where loading everything anew fails (ApiError).
- * @param {{who?: string, blind?: boolean}} change
+ * @param {Partial<Person>} change
  */
 export async function setPerson({ who: name = who(), blind: hides }) {
   // The server takes no name with signs that cannot be seen, and to it names that look the same
@@ -129,9 +109,7 @@ export async function setPerson({ who: name = who(), blind: hides }) {
   await beginAnew(hides);
 }
 
-/** Forget what is not for the person who works here now, and load the mission anew; `hides`:
- * whether this person labels blind. Throws ApiError.
- */
+/** Load the mission anew for who works here now, who labels blind if `hides`; throws ApiError. */
 export async function beginAnew(hides = mission.blind) {
   mission.blind = hides;
   here.person += 1;
@@ -141,8 +119,8 @@ export async function beginAnew(hides = mission.blind) {
   await loadMission();
 }
 
-/** Take in an answer unless somebody else works here by then. @param {Promise<News>} request */
-export async function takeNewsOf(request) {
+/** Take in an answer unless somebody else works here by the time it comes. */
+export async function takeNewsOf(/** @type {Promise<News>} */ request) {
   const asked = here.person;
   const news = await request;
   if (asked === here.person) takeNews(news);
@@ -158,27 +136,22 @@ function forgetOthers() {
   }
 }
 
-/** A class by its name; also for names that the taxonomy does not have.
- * @param {?string | undefined} name @returns {LabelClass}
- */
-export function classOf(name) {
+/** A class by its name; also for names that the taxonomy does not have. */
+export function classOf(/** @type {?string | undefined} */ name) {
   return here.byName.get(name ?? "") ?? {
     name: name ?? "", obstacle: null, color: "#e6e6e6", key: "", description: "",
   };
 }
 
-/** The colour in which a class is drawn. @param {?string} name */
-export function colourOf(name) {
+export function colourOf(/** @type {?string} */ name) {
   return classOf(name).color;
 }
 
 /** With a luminance of 0.4 a colour has 9:1 on its black rim ((0.4 + 0.05) / 0.05), so that one of
  * both has 3:1 on any picture. Darker ones become brighter, then paler.
- * @param {string} color
  */
-function lightened(color) {
-  /** @param {number[]} rgb */
-  const luminance = ([r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b;
+function lightened(/** @type {string} */ color) {
+  const luminance = (/** @type {number[]} */ [r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b;
   let rgb = [1, 3, 5].map((at) => {
     const part = parseInt(color.slice(at, at + 2), 16) / 255;
     return part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4;
@@ -191,8 +164,8 @@ function lightened(color) {
   return `rgb(${shown.map((part) => Math.max(0, Math.round(part))).join(" ")})`;
 }
 
-/** The sign of a class besides its colour: its key, else its first letter. @param {string} name */
-export function signOf(name) {
+/** The sign that stands for a class besides its colour: its key, else its first letter. */
+export function signOf(/** @type {string} */ name) {
   return classOf(name).key || name.slice(0, 1);
 }
 
@@ -207,31 +180,26 @@ export function selectedClass() {
   return chosenClass() ?? mission.classes[0]?.name ?? "";
 }
 
-/** Choose the class to paint with. @param {string} name */
-export function selectClass(name) {
+export function selectClass(/** @type {string} */ name) {
   setSetting("selected", name);
 }
 
-/** The frame numbers of a camera, ascending. @param {string} camera */
-export function frames(camera) {
+/** The frame numbers of a camera, ascending. */
+export function frames(/** @type {string} */ camera) {
   here.frames[camera] ??= (mission.cameras[camera]?.ranges ?? []).flatMap(([first, last]) =>
     Array.from({ length: last - first + 1 }, (_, index) => first + index),
   );
   return here.frames[camera];
 }
 
-/** Where a frame stands in `frames(camera)`; -1 if it is not there.
- * @param {string} camera @param {number} frame
- */
-export function frameIndex(camera, frame) {
+/** Where a frame stands in `frames(camera)`; -1 if it is not there. */
+export function frameIndex(/** @type {string} */ camera, /** @type {number} */ frame) {
   const at = indexFrom(camera, frame);
   return frames(camera)[at] === frame ? at : -1;
 }
 
-/** Where the first frame with this or a higher number stands; their count if there is none.
- * @param {string} camera @param {number} frame
- */
-export function indexFrom(camera, frame) {
+/** Where the first frame with this or a higher number stands; their count if there is none. */
+export function indexFrom(/** @type {string} */ camera, /** @type {number} */ frame) {
   const list = frames(camera);
   let low = 0;
   let high = list.length;
@@ -243,17 +211,13 @@ export function indexFrom(camera, frame) {
   return low;
 }
 
-/** The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if not there.
- * @param {string} camera @param {number} frame
- */
-export function stateOf(camera, frame) {
+/** The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if not there. */
+export function stateOf(/** @type {string} */ camera, /** @type {number} */ frame) {
   return mission.states[camera]?.[frameIndex(camera, frame)] ?? "";
 }
 
-/** The labels that the person who works here gave somewhere in a frame, as the server knows.
- * @param {string} camera @param {number} frame
- */
-export function givenIn(camera, frame) {
+/** The labels that the person who works here gave somewhere in a frame, as the server knows. */
+export function givenIn(/** @type {string} */ camera, /** @type {number} */ frame) {
   return mission.given[camera]?.[frame] ?? [];
 }
 

@@ -1,42 +1,37 @@
 // Where patches lie on a frame, which of them a pointer crosses, and the one the keyboard is on.
 
 import { mission } from "./mission.js";
+/** @import { CursorMove, Point } from "./types.js" */
 
-/** @import { Point } from "./types.js" */
-
-/** The {width, height} of one patch in pixels of a frame of a width and height: rounded down, as in
- * features/frames/grid.py.
- * @param {number} width @param {number} height
- */
-export function patchSize(width, height) {
+/** The size of a patch in pixels of a frame, rounded down as in features/frames/grid.py. */
+export function patchSize(/** @type {number} */ width, /** @type {number} */ height) {
   const { rows, cols, width: resized } = mission.grid;
   const w = resized ?? width;
   const h = resized ? Math.floor((height * resized) / width) : height;
   return { width: (Math.floor(w / cols) * width) / w, height: (Math.floor(h / rows) * height) / h };
 }
 
-/** Row and column of a cell. @param {number} cell @returns {[row: number, col: number]} */
-export function rowCol(cell) {
+/** Row and column of a cell. @returns {[row: number, col: number]} */
+export function rowCol(/** @type {number} */ cell) {
   return [Math.floor(cell / mission.grid.cols), cell % mission.grid.cols];
 }
 
-/** "row 3, column 4", counted from 0 as in label files. @param {number} cell */
-export function cellName(cell) {
+/** "row 3, column 4", counted from 0 as in label files. */
+export function cellName(/** @type {number} */ cell) {
   const [row, col] = rowCol(cell);
   return `row ${row}, column ${col}`;
 }
 
-/** The cell at a row and column, or -1. @param {number} row @param {number} col */
-export function cellAt(row, col) {
+/** The cell at a row and column, or -1. */
+export function cellAt(/** @type {number} */ row, /** @type {number} */ col) {
   const { rows, cols } = mission.grid;
   return row >= 0 && col >= 0 && row < rows && col < cols ? row * cols + col : -1;
 }
 
 /** All cells that a straight line crosses, none left out however long it is, in the order in which
  * they are met. Its ends {x, y} are in patches: x in columns, y in rows.
- * @param {Point} from @param {Point} to
  */
-export function cellsOnLine(from, to) {
+export function cellsOnLine(/** @type {Point} */ from, /** @type {Point} */ to) {
   /** @type {number[]} */
   const cells = [];
   const cuts = [0, 1, ...crossings(from.x, to.x), ...crossings(from.y, to.y)].sort((a, b) => a - b);
@@ -50,10 +45,8 @@ export function cellsOnLine(from, to) {
   return cells;
 }
 
-/** Where, from 0 to 1 along the way, a coordinate passes whole numbers.
- * @param {number} from @param {number} to
- */
-function crossings(from, to) {
+/** Where, from 0 to 1 along the way, a coordinate passes whole numbers. */
+function crossings(/** @type {number} */ from, /** @type {number} */ to) {
   const cuts = [];
   const low = Math.min(from, to);
   const high = Math.max(from, to);
@@ -63,8 +56,8 @@ function crossings(from, to) {
   return cuts;
 }
 
-/** The cells of the rectangle between two of them. @param {number} one @param {number} other */
-export function cellsBetween(one, other) {
+/** The cells of the rectangle between two of them. */
+export function cellsBetween(/** @type {number} */ one, /** @type {number} */ other) {
   const [row1, col1] = rowCol(one);
   const [row2, col2] = rowCol(other);
   const cells = [];
@@ -76,17 +69,15 @@ export function cellsBetween(one, other) {
   return cells;
 }
 
-/** The cells of a row. @param {number} row */
-export function cellsOfRow(row) {
+export function cellsOfRow(/** @type {number} */ row) {
   return cellsBetween(cellAt(row, 0), cellAt(row, mission.grid.cols - 1));
 }
 
-/** The cells of a column. @param {number} col */
-export function cellsOfColumn(col) {
+export function cellsOfColumn(/** @type {number} */ col) {
   return cellsBetween(cellAt(0, col), cellAt(mission.grid.rows - 1, col));
 }
 
-/** What arrow keys add to row and column. @type {Record<string, [rows: number, cols: number]>} */
+/** Rows and columns that keys add. @type {Record<string, [rows: number, cols: number]>} */
 export const ARROWS = {
   ArrowLeft: [0, -1],
   ArrowRight: [0, 1],
@@ -126,10 +117,7 @@ export class PatchCursor {
     return this.anchor !== null && this.anchor !== this.cell;
   }
 
-  /** Move by rows and columns; the first press only shows where the cursor is. `extend` keeps the
-   * other corner of the rectangle.
-   * @param {number} rows @param {number} cols @param {boolean} extend
-   */
+  /** The first press only shows where the cursor is. @type {CursorMove} */
   move(rows, cols, extend) {
     if (!this.visible) {
       this.visible = true;
@@ -140,8 +128,8 @@ export class PatchCursor {
     this.cell = cellFrom(this.cell, rows, cols);
   }
 
-  /** Stand on a cell, seen or not. @param {number} cell @param {boolean} visible */
-  put(cell, visible) {
+  /** Stand on a cell, seen or not. */
+  put(/** @type {number} */ cell, /** @type {boolean} */ visible) {
     Object.assign(this, { cell, visible, anchor: null });
   }
 

@@ -4,51 +4,37 @@
 import { ApiError, address, fetchOk } from "./api.js";
 import { frames, mission, setting } from "./mission.js";
 import { patchSize } from "./patch_grid.js";
+/** @import { OfPicture, PictureJob, PictureName, PictureStore } from "./types.js" */
 
 const KEPT = 14;
 const SIDE_BY_SIDE = 3;
 
-/** @import { PictureJob, PictureName } from "./types.js" */
+/** @type {PictureStore} */
+const fetched = { jobs: new Map(), waits: [], running: 0 };
 
-const fetched = {
-  /** @type {Map<string, PictureJob>} By address, least recently asked for first. */
-  jobs: new Map(),
-  /** @type {PictureJob[]} */
-  waits: [],
-  running: 0,
-};
-
-/** `v` keeps missions on the same port apart in caches.
- * @param {string} camera @param {number} frame @param {number} enhance
- */
+/** `v` keeps missions on the same port apart in caches. @type {OfPicture<string>} */
 function pictureAddress(camera, frame, enhance) {
   return `/api/picture/${camera}/${frame}?enhance=${enhance}&v=${mission.pictures ?? ""}`;
 }
 
-/** A picture that is decoded already, or null.
- * @param {string} camera @param {number} frame @param {number} enhance
- */
+/** A picture that is decoded already, or null. @type {OfPicture<?ImageBitmap>} */
 export function pictureNow(camera, frame, enhance) {
   return fetched.jobs.get(pictureAddress(camera, frame, enhance))?.bitmap ?? null;
 }
 
-/** The ImageBitmap of a frame; `enhance` is 0 (as the camera gave it) to 100. Throws ApiError, also
- * for a frame that cannot be read (status 422, its sentence).
- * @param {string} camera @param {number} frame @param {number} enhance
- */
+/** Throws ApiError, also for an unreadable frame (422). @type {OfPicture<Promise<ImageBitmap>>} */
 export function picture(camera, frame, enhance) {
   const job = jobFor(pictureAddress(camera, frame, enhance));
   if (!job.started) run(job);
   return job.promise;
 }
 
-/** Fetch pictures that will be wanted soon, nearest first, and give up on all others that are
- * neither `kept` nor in the list; both name {camera, frame, enhance}.
+/** Fetch what will be wanted soon, nearest first, and give up on all others that are not `kept`.
  * @param {PictureName[]} list @param {PictureName[]} kept
  */
 export function prefetchPictures(list, kept) {
-  /** @param {PictureName} one */
-  const addressOf = ({ camera, frame, enhance }) => pictureAddress(camera, frame, enhance);
+  const addressOf = (/** @type {PictureName} */ { camera, frame, enhance }) =>
+    pictureAddress(camera, frame, enhance);
   const wanted = new Set([...kept, ...list].map(addressOf));
   for (const [url, job] of fetched.jobs) {
     if (!job.bitmap && !job.error && !wanted.has(url)) {
@@ -66,8 +52,7 @@ export function forgetFailed() {
   for (const [url, job] of fetched.jobs) if (job.error) fetched.jobs.delete(url);
 }
 
-/** @param {string} url */
-function jobFor(url) {
+function jobFor(/** @type {string} */ url) {
   const job = fetched.jobs.get(url) ?? newJob(url);
   fetched.jobs.delete(url);
   fetched.jobs.set(url, job);
@@ -87,8 +72,7 @@ function next() {
   while (fetched.running < SIDE_BY_SIDE && fetched.waits.length) run(fetched.waits[0]);
 }
 
-/** @param {PictureJob} job */
-async function run(job) {
+async function run(/** @type {PictureJob} */ job) {
   fetched.waits = fetched.waits.filter((other) => other !== job);
   job.started = true;
   fetched.running += 1;
@@ -107,8 +91,7 @@ async function run(job) {
   }
 }
 
-/** @param {Set<string>} wanted */
-function forgetOld(wanted) {
+function forgetOld(/** @type {Set<string>} */ wanted) {
   for (const [url, job] of fetched.jobs) {
     if (fetched.jobs.size <= KEPT) return;
     if (wanted.has(url)) continue;
@@ -121,29 +104,26 @@ const USUAL_ASPECT = 0.75;
 /** @type {Map<string, number>} By camera. */
 const aspects = new Map();
 
-/** Height of a camera's frames over their width. @param {string} camera */
-export function frameAspect(camera) {
+/** Height of a camera's frames over their width. */
+export function frameAspect(/** @type {string} */ camera) {
   return aspects.get(camera) ?? USUAL_ASPECT;
 }
 
-/** Height of a camera's patches over their width. @param {string} camera */
-export function patchAspect(camera) {
+/** Height of a camera's patches over their width. */
+export function patchAspect(/** @type {string} */ camera) {
   const { width, height } = patchSize(1000, 1000 * frameAspect(camera));
   return height / width;
 }
 
-/** Learn the shape from a picture that was loaded; whether it differs from what was believed.
- * @param {string} camera @param {HTMLImageElement} image
- */
-export function learnShape(camera, image) {
+/** Learn the shape from a picture that was loaded; whether it differs from what was believed. */
+export function learnShape(/** @type {string} */ camera, /** @type {HTMLImageElement} */ image) {
   const before = frameAspect(camera);
   aspects.set(camera, image.naturalHeight / image.naturalWidth);
   return Math.abs(frameAspect(camera) - before) > 0.01;
 }
 
-/** Address of a small picture of a frame, enhanced as the person set it; its width in CSS pixels is
- * asked for in steps, so that pictures are found again.
- * @param {string} camera @param {number} frame @param {number} width
+/** A small picture, enhanced as the person set it; widths in steps, so that it is found again.
+ * @param {string} camera @param {number} frame @param {number} width In CSS pixels.
  */
 export function thumbAddress(camera, frame, width) {
   const pixels = Math.ceil((width * Math.min(2, window.devicePixelRatio || 1)) / 40) * 40;
@@ -157,8 +137,7 @@ export async function lookAtShapes() {
   await Promise.all(cameras.map(lookAt));
 }
 
-/** @param {string} camera */
-async function lookAt(camera) {
+async function lookAt(/** @type {string} */ camera) {
   const image = new Image();
   image.src = thumbAddress(camera, frames(camera)[0], 240);
   try {

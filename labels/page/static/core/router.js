@@ -2,30 +2,21 @@
 
 import { byId, el, say, setAttribute } from "./dom.js";
 import { setViewKeys } from "./keys.js";
+/** @import { GoOptions, LaterView, ShownViews, View } from "./types.js" */
 
-/** @import { LaterView, View } from "./types.js" */
+/** @type {ShownViews} */
+const shown = { views: new Map(), current: "", home: "", failures: 0 };
 
-const shown = {
-  /** @type {Map<string, View | LaterView>} */
-  views: new Map(),
-  current: "",
-  home: "", // stands for an empty or unknown address
-  failures: 0,
-};
-
-/** Register a view. @param {string} name First word of its addresses. @param {View} view */
-export function addView(name, view) {
+/** Register a view; `name`: first word of its addresses. */
+export function addView(/** @type {string} */ name, /** @type {View} */ view) {
   shown.views.set(name, view);
 }
 
-/** The view of a name. @param {string} name */
-function viewOf(name) {
+function viewOf(/** @type {string} */ name) {
   return /** @type {View} */ (shown.views.get(name));
 }
 
 /** Register a view whose module is loaded when it is first shown, and registers itself then.
- * `title`: of its link, "" for a view that others lead to. `load(again)`: `again` ends the module's
- * address, as browsers do not fetch an address again that could not be had.
  * @param {string} name @param {string} title @param {LaterView["load"]} load
  */
 export function addLaterView(name, title, load) {
@@ -43,26 +34,23 @@ export async function loadLaterViews() {
   }
 }
 
-/** Go to an address, "#/label/left/17"; `replace`: no new entry for the Back button.
- * @param {string} hash @param {{replace?: boolean}} [options]
- */
-export function go(hash, { replace = false } = {}) {
+/** Go to an address, "#/label/left/17"; `replace`: no new entry for the Back button. */
+export function go(/** @type {string} */ hash, /** @type {GoOptions} */ { replace = false } = {}) {
   if (hash !== location.hash) history[replace ? "replaceState" : "pushState"](null, "", hash);
   route();
 }
 
-/** Show another address without going there: the view moved on by itself. @param {string} hash */
-export function noteAddress(hash) {
+/** Show another address without going anywhere: what is shown moved on by itself. */
+export function noteAddress(/** @type {string} */ hash) {
   if (hash !== location.hash) history.replaceState(null, "", hash);
 }
 
-/** The name of the view that is shown. */
 export function currentView() {
   return shown.current;
 }
 
-/** Begin to follow the address. @param {string} home Stands for an empty or unknown one. */
-export function startRouting(home) {
+/** Begin to follow the address; `home` stands for an empty or unknown one. */
+export function startRouting(/** @type {string} */ home) {
   shown.home = home;
   window.addEventListener("popstate", route);
   buildLinks();
@@ -88,8 +76,7 @@ function route() {
   view.show(root, parts);
 }
 
-/** @param {string} name @param {LaterView["load"]} load */
-async function loadView(name, load) {
+async function loadView(/** @type {string} */ name, /** @type {LaterView["load"]} */ load) {
   try {
     await load(shown.failures ? `?again=${shown.failures}` : "");
   } catch (error) {
@@ -102,8 +89,7 @@ async function loadView(name, load) {
   if (location.hash.startsWith(`#/${name}`)) route();
 }
 
-/** @param {string} word */
-function decode(word) {
+function decode(/** @type {string} */ word) {
   try {
     return decodeURIComponent(word);
   } catch {

@@ -2,15 +2,10 @@
 // under a name. Storage may be full, switched off or cleared at any moment.
 
 import { signal } from "./dom.js";
+/** @import { SettingName, Settings, Signal } from "./types.js" */
 
-/** @import { Signal } from "./types.js" */
-
-/** What something gives that works with the storage, or what to take where the storage does not let
- * us. Reading the property itself throws where a browser blocks it.
- * @template T, U
- * @param {() => T} work @param {U} otherwise @returns {T | U}
- */
-function tried(work, otherwise) {
+/** The storage may throw, where a browser blocks it even when it is only named. @template T, U */
+function tried(/** @type {() => T} */ work, /** @type {U} */ otherwise) {
   try {
     return work();
   } catch {
@@ -21,10 +16,8 @@ function tried(work, otherwise) {
 const local = tried(() => window.localStorage, null);
 const session = tried(() => window.sessionStorage, null);
 
-/** What is stored under a name, parsed; null where there is nothing or it cannot be read.
- * @param {string} name @param {?Storage} [store]
- */
-export function read(name, store = local) {
+/** What is stored under a name, parsed; null where there is nothing or it cannot be read. */
+export function read(/** @type {string} */ name, /** @type {?Storage} */ store = local) {
   return tried(() => JSON.parse(store?.getItem(name) ?? "null"), null);
 }
 
@@ -40,20 +33,19 @@ export function write(name, value, store = local) {
   return tried(put, false);
 }
 
-/** Forget a name. @param {string} name */
-export function remove(name) {
+export function remove(/** @type {string} */ name) {
   tried(() => local?.removeItem(name), null);
 }
 
-/** The stored names that start with a text, sorted. @param {string} prefix @returns {string[]} */
-export function names(prefix) {
+/** The stored names that start with a text, sorted. @returns {string[]} */
+export function names(/** @type {string} */ prefix) {
   return tried(() => Object.keys(local ?? {}).filter((name) => name.startsWith(prefix)).sort(), []);
 }
 
 const SETTINGS = "tokt.settings";
 const IDENTITY = "tokt.identity";
 
-/** What a person sets; `blindOf`: whose frames are labelled blind; 0 columns: as many as usual. */
+/** @type {Settings} */
 const DEFAULTS = {
   enhance: 60,
   tint: 25,
@@ -73,27 +65,19 @@ const DEFAULTS = {
   tileMargin: 0.25,
 };
 
-/** @typedef {typeof DEFAULTS} Settings */
-/** @typedef {keyof Settings} SettingName */
-
 /** @type {Settings} */
 let settings = { ...DEFAULTS, ...read(SETTINGS) };
 
-/** Be told of changed settings: `onSetting((name) => ...)` returns what stops it.
- * @type {Signal<[name: SettingName]>}
- */
+/** @type {Signal<[name: SettingName]>} Be told of changed settings. */
 export const [onSetting, settingChanged] = signal();
 
-/** The value of a setting. @template {SettingName} N @param {N} name */
-export function setting(name) {
+/** The value of a setting. @template {SettingName} N */
+export function setting(/** @type {N} */ name) {
   return settings[name];
 }
 
-/** Change a setting; kept in this browser where it lets us.
- * @template {SettingName} N
- * @param {N} name @param {Settings[N]} value
- */
-export function setSetting(name, value) {
+/** Change a setting; kept in this browser where it lets us. @template {SettingName} N */
+export function setSetting(/** @type {N} */ name, /** @type {Settings[N]} */ value) {
   if (settings[name] === value) return;
   settings = { ...settings, [name]: value };
   write(SETTINGS, settings);
@@ -123,8 +107,7 @@ export function lastPerson() {
   return identity;
 }
 
-/** Choose who works here. @param {string} name */
-export function setWho(name) {
+export function setWho(/** @type {string} */ name) {
   identity = { who: name };
   write(IDENTITY, identity, session);
   write(IDENTITY, identity);

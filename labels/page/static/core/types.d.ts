@@ -162,6 +162,7 @@ export interface Queue {
   frames: QueueEntry[];
 }
 
+/** When and where a frame was taken; {}: nothing is known. */
 export interface FrameInfo {
   time?: string | null;
   depth_m?: number | null;
@@ -299,8 +300,11 @@ export interface Posted {
 
 // core/api.js
 
+export type { ApiError } from "./api.js";
+
 export type Param = string | number | null | undefined;
 
+/** Those that are null or undefined are left out, a list is repeated. */
 export type Params = Record<string, Param | Param[]>;
 
 // core/controls.js
@@ -308,6 +312,24 @@ export type Params = Record<string, Param | Param[]>;
 /** `event`: of the key or the button. */
 export type Command = (event?: Event) => unknown;
 
+/** By name. */
+export type Commands = Record<string, Command>;
+
+/** The key of a command, by the command's name. */
+export type KeyFor = (command: string) => string;
+
+/** Makes the button of a command; `text`: what stands on it; `does`: for its title. */
+export type CommandButton = (
+  text: string,
+  name: string,
+  does: string,
+  options?: Options<"button">,
+) => HTMLButtonElement;
+
+/** -1: back, or smaller; 1: on, or larger. */
+export type Turn = (step: number) => unknown;
+
+/** A value as it is, or with words for it. */
 export type Choice = string | [value: string, words: string];
 
 // core/dom.js
@@ -324,6 +346,15 @@ export type Listeners<T extends Tag> = {
  * attributes: true gives an empty one, false, null and undefined give none.
  */
 export type Options<T extends Tag> = { text?: string, on?: Listeners<T> } & Record<string, unknown>;
+
+/** How a sentence is shown. `bad`: something was not done; `link`: the address of the place that it
+ * is about; `stays`: it is not of what is shown.
+ */
+export interface SayOptions {
+  bad?: boolean;
+  link?: string | null;
+  stays?: boolean;
+}
 
 /** Null and undefined are left out. */
 export type Child = Node | string | null | undefined;
@@ -356,7 +387,43 @@ export interface ViewKeys {
   classKeys?: (name: string) => unknown;
 }
 
+/** What answers to keys now. */
+export interface KeyTables {
+  /** Of the view that is shown. */
+  view: ViewKeys;
+  /** What answers in every view, after the view's own. */
+  everywhere: KeyEntry[];
+  /** By the key's code: those that are down, to be released. */
+  held: Map<string, KeyEntry>;
+}
+
+// core/mission.js
+
+/** The mission as this page has it. `states`: one array of characters a camera; `blind`: whether
+ * who works here labels blind, as the server says, which then hides what others said; `classes`: in
+ * the taxonomy's order, then unsure, then names only found in the store.
+ */
+export interface MissionState extends Omit<MissionAnswer, "states"> {
+  loaded: boolean;
+  states: Record<string, string[]>;
+}
+
+/** What is derived of the mission, and counts by which answers of no use any more are told. */
+export interface Derived {
+  byName: Map<string, LabelClass>;
+  /** The frames of each camera. */
+  frames: ByCamera;
+  settingsHeard: number;
+  /** Who works here and how: the next one's is another number. */
+  person: number;
+}
+
+export type Person = { who: string, blind?: boolean };
+
 // core/patch_grid.js
+
+/** By rows and columns; `extend` keeps the other corner of the rectangle. */
+export type CursorMove = (rows: number, cols: number, extend: boolean) => void;
 
 export type Point = { x: number, y: number };
 
@@ -369,6 +436,16 @@ export interface PictureJob extends PromiseWithResolvers<ImageBitmap> {
   controller: AbortController;
   started: boolean;
 }
+
+export interface PictureStore {
+  /** By address, least recently asked for first. */
+  jobs: Map<string, PictureJob>;
+  waits: PictureJob[];
+  running: number;
+}
+
+/** About the picture of a frame; `enhance`: from 0, as the camera gave it, to 100. */
+export type OfPicture<T> = (camera: string, frame: number, enhance: number) => T;
 
 export type PictureName = { camera: string, frame: number, enhance: number };
 
@@ -386,6 +463,45 @@ export interface View extends ViewKeys {
 }
 
 export interface LaterView {
+  /** Of its link; "" for a view that others lead to. */
   title: string;
+  /** `again` ends the module's address: browsers do not fetch one again that could not be had. */
   load: (again: string) => Promise<unknown>;
 }
+
+export interface ShownViews {
+  views: Map<string, View | LaterView>;
+  current: string;
+  /** Stands for an empty or unknown address. */
+  home: string;
+  failures: number;
+}
+
+/** `replace`: no new entry for the Back button. */
+export type GoOptions = { replace?: boolean };
+
+// core/settings.js
+
+/** What a person sets. */
+export interface Settings {
+  enhance: number;
+  tint: number;
+  grid: boolean;
+  outlines: boolean;
+  suggestions: boolean;
+  drawer: boolean;
+  confidence: number;
+  follow: number;
+  filter: string;
+  rate: number;
+  beside: boolean;
+  selected: string;
+  /** Whose frames are labelled blind. */
+  blindOf: string;
+  /** 0: as many as usual. */
+  overviewColumns: number;
+  tileWidth: number;
+  tileMargin: number;
+}
+
+export type SettingName = keyof Settings;

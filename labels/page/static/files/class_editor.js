@@ -3,7 +3,6 @@
 import { get, onFailure, post } from "../core/api.js";
 import { complain } from "../core/controls.js";
 import { button, el, part, say } from "../core/dom.js";
-
 /** @import { ClassesAnswer, Field, Options, UsedClass } from "../types.js" */
 
 /** A table of the workspace's classes that can be changed and saved as a whole. */
@@ -21,7 +20,6 @@ export function classEditor() {
 function showClasses(root, { classes, setup, fixed }, load) {
   const rows = classes.map((known) => ({ ...known }));
   const body = el("tbody", {});
-  /** @type {() => void} */
   const draw = () => body.replaceChildren(...rows.map((row, at) => rowOf(row, at, rows, draw)));
   const add = () => {
     rows.push({ name: "", obstacle: true, color: "#c85fd0", key: "", description: "", parent: "", labels: 0 });
@@ -60,8 +58,7 @@ function rowOf(row, at, rows, draw) {
     });
     return el("td", {}, made);
   };
-  /** @param {number} step */
-  const move = (step) => () => {
+  const move = (/** @type {number} */ step) => () => {
     rows.splice(at + step, 0, ...rows.splice(at, 1));
     draw();
   };

@@ -7,21 +7,16 @@ import { button, el, say } from "../core/dom.js";
 import { mission, onChange, onReload, who } from "../core/mission.js";
 import { addView, go } from "../core/router.js";
 import { classEditor } from "./class_editor.js";
+/** @import { Child, Choice, Imported, Read } from "../types.js" */
 
 const ANY = "as the file says";
 const EVERYBODY = "everybody";
 const LEAVE_OUT = "leave out";
 
-/** @import { Child, Choice, Imported, Read } from "../types.js" */
+/** @type {{parts: ?{root: HTMLElement, job: HTMLElement}}} The elements while the view is shown. */
+const view = { parts: null };
 
-/** The view's state; all of it. */
-const view = {
-  /** @type {?{root: HTMLElement, job: HTMLElement}} Elements of the view while it is shown. */
-  parts: null,
-};
-
-/** @param {HTMLElement} root */
-function show(root) {
+function show(/** @type {HTMLElement} */ root) {
   const job = el("div", { class: "job", role: "status" });
   view.parts = { root, job };
   root.replaceChildren(
@@ -39,23 +34,19 @@ function show(root) {
   showJob();
 }
 
-/** @param {string} title @param {...Child} children */
-function card(title, ...children) {
+function card(/** @type {string} */ title, /** @type {Child[]} */ ...children) {
   return el("section", { class: "card" }, el("h2", { text: title }), ...children);
 }
 
-/** @param {string} words @param {Child} control */
-function field(words, control) {
+function field(/** @type {string} */ words, /** @type {Child} */ control) {
   return el("label", { class: "field" }, el("span", { text: words }), control);
 }
 
-/** @param {string} text @param {string} href */
-function link(text, href) {
+function link(/** @type {string} */ text, /** @type {string} */ href) {
   return el("a", { class: "button main", text, href, download: "" });
 }
 
-/** @param {string[]} texts */
-function lines(texts) {
+function lines(/** @type {string[]} */ texts) {
   return el("ul", {}, ...texts.map((text) => el("li", { text })));
 }
 
@@ -103,10 +94,8 @@ function importing() {
   const cameras = Object.keys(mission.cameras);
   const camera = choice(cameras, cameras[0], { on });
   const told = el("div", { role: "status" });
-  /** What the file's classes are here: {theirs: ours}; ours is "" for those to leave out.
-   * @param {Record<string, string>} named
-   */
-  async function read(named, apply = false) {
+  /** What the file's classes are here: {theirs: ours}; ours is "" for those to leave out. */
+  async function read(/** @type {Record<string, string>} */ named, apply = false) {
     const chosen = file.files?.[0];
     if (!chosen) return;
     const params = { name: chosen.name, format: form.value || null, apply: apply ? 1 : null };
@@ -164,8 +153,7 @@ function found({ applied, annotators, labels, here, lost, ...counts }, apply) {
 // ---- What the other commands do
 
 function jobs() {
-  /** @param {{what: string}} body */
-  const start = (body) => async () => {
+  const start = (/** @type {{what: string}} */ body) => async () => {
     const answer = await post("/api/job", body).catch(onFailure(complain()));
     if (answer) mission.job = answer.job;
     showJob();

@@ -6,8 +6,7 @@ import { mission } from "../core/mission.js";
 import { picture, pictureNow } from "../core/pictures.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
 import { FrameCanvas } from "./frame_canvas.js";
-
-/** @import { FrameShow } from "./frame_show.js" */
+/** @import { FrameShow } from "../types.js" */
 
 /** Shows it, or hides its canvas. */
 export class Beside {
@@ -23,7 +22,6 @@ export class Beside {
     );
   }
 
-  /** Bring it up to date. */
   update() {
     const { show, canvas, element } = this;
     const { beside: camera, frame, enhance } = show;
@@ -39,8 +37,7 @@ export class Beside {
     if (bitmap || asked !== this.asked) canvas.set({ message: "" });
     if (bitmap || asked === this.asked) return;
     this.asked = asked;
-    /** @param {string} message */
-    const come = (message) => {
+    const come = (/** @type {string} */ message) => {
       if (asked !== this.asked) return; // another one is shown by now
       if (message) canvas.set({ message });
       else this.update();

@@ -9,12 +9,11 @@ import { cellName } from "../core/patch_grid.js";
 import { filterChoices, filterName, filterSelect, passingFrames } from "../labelling/filters.js";
 import { STATES } from "../labelling/frame_states.js";
 import { kindOf } from "../labelling/suggest.js";
+/** @import { Commands, FrameInfo, Hint, KeyFor, ShownLabels } from "../types.js" */
 
-/** @import { Command, FrameInfo, Hint, ShownLabels } from "../types.js" */
-
-/** Build the bar of commands, by name, and the status line.
- * @param {Record<string, Command>} commands @param {(frame: number) => void} goTo
- * @param {(command: string) => string} keyFor @param {HTMLElement} status
+/** Build the bar of commands and the status line.
+ * @param {Commands} commands @param {(frame: number) => void} goTo @param {KeyFor} keyFor
+ * @param {HTMLElement} status
  */
 export function buildBar(commands, goTo, keyFor, status) {
   const command = commandButtons(commands, keyFor);
@@ -43,8 +42,7 @@ export function buildBar(commands, goTo, keyFor, status) {
     matches,
     status,
   );
-  /** @param {string} where @param {number} frame */
-  const show = (where, frame) => {
+  const show = (/** @type {string} */ where, /** @type {number} */ frame) => {
     const list = frames(where);
     if (document.activeElement !== number) number.value = String(frame);
     place.textContent = `${frameIndex(where, frame) + 1} of ${list.length}`;
@@ -63,8 +61,7 @@ export function buildBar(commands, goTo, keyFor, status) {
   return { root, number, player, legend, show };
 }
 
-/** @param {HTMLElement} root @param {string} camera */
-function showLegend(root, camera) {
+function showLegend(/** @type {HTMLElement} */ root, /** @type {string} */ camera) {
   /** @type {Record<string, number>} */
   const counts = {};
   for (const state of mission.states[camera]) counts[state] = (counts[state] ?? 0) + 1;
@@ -92,10 +89,8 @@ export function describeFrame(camera, frame, labels) {
   return words.join(" · ");
 }
 
-/** When and where a frame was taken, in words; `said`: by /api/frame_info, {} for nothing.
- * @param {FrameInfo} said
- */
-export function describeInfo(said) {
+/** When and where a frame was taken, in words. */
+export function describeInfo(/** @type {FrameInfo} */ said) {
   const time = said.time?.replace("T", " ").replace(/(\.\d+)?Z$/, " UTC");
   /** @type {[words: string | undefined, value: unknown][]} */
   const parts = [
@@ -109,8 +104,7 @@ export function describeInfo(said) {
   return known.map(([words]) => words).join(", ");
 }
 
-/** @param {Hint} hint */
-function surety({ strong, percent, said }) {
+function surety(/** @type {Hint} */ { strong, percent, said }) {
   const kind = kindOf(said ?? "") ? "an obstacle" : "clear";
   return (strong ? "sure" : "unsure") + (percent === null ? "" : ` (${kind}: ${percent} %)`);
 }

@@ -7,16 +7,14 @@ import { contextOf, soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
 import { cellAt, rowCol } from "../core/patch_grid.js";
 import { Viewport } from "./viewport.js";
+/** @import { Box, CellPlan, Context, FrameContent, Hit, ShownLabels } from "../types.js" */
 
 const PIXELS_FROM = 3; // screen pixels a frame pixel from which they are shown as squares
 const HEAD_EVERY = 18; // least CSS pixels between two heads
 
-/** @import { Box, CellPlan, FrameContent, Hit, ShownLabels } from "../types.js" */
-
 /** Draws what `content` says, once a screen refresh at most. */
 export class FrameCanvas {
-  /** @param {HTMLCanvasElement} canvas */
-  constructor(canvas) {
+  constructor(/** @type {HTMLCanvasElement} */ canvas) {
     this.canvas = canvas;
     this.ctx = contextOf(canvas, false);
     this.viewport = new Viewport();
@@ -28,7 +26,6 @@ export class FrameCanvas {
     this.onDrawn = () => {};
     /** @type {?FrameCanvas} A canvas that shows the same part of its picture. */
     this.beside = null;
-    /** Draw again at the next screen refresh. */
     this.invalidate = soon(() => this.draw());
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas);
@@ -39,8 +36,7 @@ export class FrameCanvas {
     this.observer.disconnect();
   }
 
-  /** Change some of what is drawn. @param {Partial<FrameContent>} content */
-  set(content) {
+  set(/** @type {Partial<FrameContent>} */ content) {
     Object.assign(this.content, content);
     const { bitmap } = this.content;
     if (bitmap) this.viewport.frame = { width: bitmap.width, height: bitmap.height };
@@ -57,8 +53,8 @@ export class FrameCanvas {
     this.draw();
   }
 
-  /** Where a cell lies on the canvas, in CSS pixels. @param {number} cell @returns {Box} */
-  boxOf(cell) {
+  /** Where a cell lies on the canvas, in CSS pixels. @returns {Box} */
+  boxOf(/** @type {number} */ cell) {
     const [row, col] = rowCol(cell);
     const { origin, scale, patch } = this.viewport;
     const [width, height] = [patch.width * scale, patch.height * scale];
@@ -78,8 +74,7 @@ export class FrameCanvas {
     return { x, y, cell: head ? -1 : cellAt(row, col), head };
   }
 
-  /** Move the picture so that a cell is in sight. @param {number} cell */
-  reveal(cell) {
+  reveal(/** @type {number} */ cell) {
     const [row, col] = rowCol(cell);
     const { width, height } = this.viewport.patch;
     this.viewport.reveal({ x: col * width, y: row * height, width, height });
@@ -102,18 +97,15 @@ export class FrameCanvas {
     this.beside?.follow(this.viewport);
   }
 
-  /** Show the part that another canvas shows. @param {Viewport} viewport */
-  follow({ zoom, centre }) {
+  /** Show the part that another canvas shows. */
+  follow(/** @type {Viewport} */ { zoom, centre }) {
     if (zoom === this.viewport.zoom && centre === this.viewport.centre) return;
     Object.assign(this.viewport, { zoom, centre });
     this.invalidate();
   }
 
-  /** Labels change far more often than what lies under them, and scaling a picture takes longer
-   * than drawing all the rest: it is kept as it is on the screen.
-   * @param {number} ratio
-   */
-  drawGround(ratio) {
+  /** Kept as it is on the screen: scaling a picture takes longer than drawing all the rest. */
+  drawGround(/** @type {number} */ ratio) {
     const { ground, canvas, ctx, content } = this;
     const { origin, scale } = this.viewport;
     const grid = setting("grid") && Boolean(content.bitmap || content.message);
@@ -133,7 +125,7 @@ export class FrameCanvas {
     ctx.drawImage(ground.canvas, 0, 0);
   }
 
-  /** @param {CanvasRenderingContext2D} ctx @param {ImageBitmap} bitmap @param {number} ratio */
+  /** @param {Context} ctx @param {ImageBitmap} bitmap @param {number} ratio */
   drawPicture(ctx, bitmap, ratio) {
     const { origin, scale, frame } = this.viewport;
     ctx.imageSmoothingEnabled = scale * ratio < PIXELS_FROM;
@@ -143,8 +135,7 @@ export class FrameCanvas {
     ctx.globalAlpha = 1;
   }
 
-  /** @param {CellPlan} plan @param {ShownLabels} labels */
-  drawContent(plan, labels) {
+  drawContent(/** @type {CellPlan} */ plan, /** @type {ShownLabels} */ labels) {
     const { hints, cursor, selection, stroke } = this.content;
     if (setting("outlines")) {
       const cells = labels.mine.map((label, cell) => shownCell(label, hints[cell]));
@@ -157,8 +148,7 @@ export class FrameCanvas {
     drawCursor(plan, cursor ?? null, selection ?? []);
   }
 
-  /** @param {CanvasRenderingContext2D} ctx */
-  drawGrid(ctx) {
+  drawGrid(/** @type {Context} */ ctx) {
     const { rows, cols } = mission.grid;
     const first = this.boxOf(0);
     const last = this.boxOf(rows * cols - 1);
@@ -226,8 +216,7 @@ export class FrameCanvas {
   }
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} width */
-function wrap(ctx, text, width) {
+function wrap(/** @type {Context} */ ctx, /** @type {string} */ text, /** @type {number} */ width) {
   const lines = [""];
   for (const word of text.split(" ")) {
     const line = `${lines.at(-1)} ${word}`.trim();

@@ -12,13 +12,11 @@ import {
 } from "./frame_painting.js";
 import { page, view } from "./frame_state.js";
 import { writeNote } from "./notes.js";
+/** @import { Command, HeldCommands } from "../types.js" */
 
 const PAN_STEP = 60;
 
-/** @import { Command, KeyEntry } from "../types.js" */
-
-/** @param {"beside" | "grid" | "outlines" | "suggestions"} name */
-function toggle(name) {
+function toggle(/** @type {"beside" | "grid" | "outlines" | "suggestions"} */ name) {
   setSetting(name, !setting(name));
 }
 
@@ -32,17 +30,13 @@ function isRepeat(event) {
   return event instanceof KeyboardEvent && event.repeat;
 }
 
-/** A command of a key that is held and comes up again.
- * @param {Command} press @param {(event: Event) => unknown} release
- */
-function held(press, release) {
+/** A command of a key that is held and comes up again. */
+function held(/** @type {Command} */ press, /** @type {(event: Event) => unknown} */ release) {
   return Object.assign(press, { release });
 }
 
-/** From a button there is no key to come up: a press with a mouse is a tap.
- * @param {() => void} press @param {() => void} release
- */
-function tapped(press, release) {
+/** From a button there is no key to come up: a press with a mouse is a tap. */
+function tapped(/** @type {() => void} */ press, /** @type {() => void} */ release) {
   const up = () => {
     release();
     showTools();
@@ -57,9 +51,7 @@ function tapped(press, release) {
   return held(down, up);
 }
 
-/** What keys and buttons do, by name; `release`: what follows when the key comes up.
- * @type {Record<string, Command & Pick<KeyEntry, "release">>}
- */
+/** What keys and buttons do, by name. @type {HeldCommands} */
 export const commands = {
   next: () => step(1),
   previous: () => step(-1),

@@ -12,18 +12,14 @@ import { isAway, pending, state } from "../saving/saver.js";
 import { describeCell, describeFrame, describeInfo } from "./frame_bar.js";
 import { isHere, page, view } from "./frame_state.js";
 import { noteWords } from "./notes.js";
-
-/** @import { SettingName } from "../core/settings.js" */
-/** @import { Viewport } from "./viewport.js" */
+/** @import { SettingName, Viewport } from "../types.js" */
 
 const PICTURE_SETTING_MS = 120;
 const PENDING_MS = 300;
 const BEGIN = "Choose a class, then click or drag over patches.";
 
-/** Labels of a frame are there, or changed; nulls: of all frames.
- * @param {?string} camera @param {?number} frame
- */
-export function labelsArrived(camera, frame) {
+/** Labels of a frame are there, or changed; nulls: of all frames. */
+export function labelsArrived(/** @type {?string} */ camera, /** @type {?number} */ frame) {
   if (isHere(camera, frame)) showLabels();
   else if (camera === page().show.beside && frame === page().show.frame) page().beside.update();
   else if (camera === page().show.camera && Number(frame) < page().show.frame) showFollowed();
@@ -35,7 +31,6 @@ function showFollowed() {
   page().timers.followed = setTimeout(() => view.page && showLabels());
 }
 
-/** Read out which frame is shown. */
 export function readOut() {
   const { camera, frame, fault } = page().show;
   announce(view.why || fault || describeFrame(camera, frame, page().canvas.content.labels));
@@ -58,7 +53,6 @@ export function showAll() {
   showLabels();
 }
 
-/** Show the frame's labels and what is proposed for it. */
 export function showLabels() {
   const { camera, frame, fault, ready } = page().show;
   const labels = ready && !fault ? labelsOf(camera, frame) : null;
@@ -71,7 +65,6 @@ export function showLabels() {
   showTools();
 }
 
-/** Show the cursor and the rectangle that it spans. */
 export function showCursor() {
   page().canvas.set({
     cursor: view.cursor.visible ? view.cursor.cell : null,
@@ -80,9 +73,7 @@ export function showCursor() {
   showStatus();
 }
 
-/** Mark what is not saved yet. A mark on each patch would flash with every stroke: only what takes
- * longer is marked.
- */
+/** Mark what takes long to be saved: a mark on each patch would flash with every stroke. */
 export function showSaving() {
   const cells = page().canvas.content.labels?.pending ?? [];
   clearTimeout(page().timers.pending);
@@ -100,7 +91,6 @@ export function cellAtHand() {
   return view.cursor.visible ? view.cursor.cell : null;
 }
 
-/** Show the status line. */
 export function showStatus() {
   const { camera, frame, fault } = page().show;
   const cell = cellAtHand();
@@ -123,7 +113,6 @@ export function showStatus() {
   );
 }
 
-/** Show what buttons do here. */
 export function showTools() {
   const { camera, frame, raw, showsBefore, blinking } = page().show;
   const proposed = page().hints.filter((hint) => hint !== null);
@@ -146,16 +135,12 @@ export function showTools() {
   }
 }
 
-/** Why commands would do nothing here; "" for those that would.
- * @param {number} strong @returns {Record<string, string>}
- */
-export function cannotDo(strong) {
+/** Why commands would do nothing here; "": they would. @returns {Record<string, string>} */
+export function cannotDo(/** @type {number} */ strong) {
   const { camera, frame, before, fault } = page().show;
   const labels = page().canvas.content.labels;
-  /** @param {string} states */
-  const none = (states) => nextIn(camera, frame, states) === null;
-  /** @param {unknown} holds @param {string} why */
-  const no = (holds, why) => (holds ? why : "");
+  const none = (/** @type {string} */ states) => nextIn(camera, frame, states) === null;
+  const no = (/** @type {unknown} */ holds, /** @type {string} */ why) => (holds ? why : "");
   const done = labels && !restOf(camera, frame, page().hints).cells.length;
   const lost = no(fault, "There is no picture to label here.");
   const { blind: isBlind } = mission;
@@ -173,16 +158,14 @@ export function cannotDo(strong) {
   };
 }
 
-/** Something of the mission changed. @param {string} what */
-export function showChanged(what) {
+export function showChanged(/** @type {string} */ what) {
   if (what === "all") page().show.retry();
   page().timeline.set(page().show.camera, page().show.frame);
   showStatus();
   showTools();
 }
 
-/** A setting changed. @param {SettingName} name */
-export function showSetting(name) {
+export function showSetting(/** @type {SettingName} */ name) {
   if (name === "enhance") {
     clearTimeout(page().timers.picture);
     page().timers.picture = setTimeout(() => view.page?.show.loadPicture(), PICTURE_SETTING_MS);
@@ -191,8 +174,8 @@ export function showSetting(name) {
   showLabels();
 }
 
-/** Change what part of the frame is seen. @param {(viewport: Viewport) => void} change */
-export function look(change) {
+/** Change what part of the frame is seen. */
+export function look(/** @type {(viewport: Viewport) => void} */ change) {
   change(page().canvas.viewport);
   page().canvas.invalidate();
 }

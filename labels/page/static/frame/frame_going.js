@@ -15,15 +15,15 @@ import { page, view } from "./frame_state.js";
 const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row
 const READ_OUT_MS = 500; // a frame that was only passed is not read out
 
-/** Show another frame of this camera, if there is one. @param {?number | undefined} frame */
-export function goTo(frame) {
+/** Show another frame of this camera; nothing where there is none. */
+export function goTo(/** @type {?number | undefined} */ frame) {
   if (frame === null || frame === undefined || Number.isNaN(frame)) return;
   view.why = "";
   show(page().show.camera, frame);
 }
 
-/** Show a frame; `playing`: one of many that pass. @param {string} camera @param {number} frame */
-export function show(camera, frame, playing = false) {
+/** Show a frame; `playing`: one of many that pass. */
+export function show(/** @type {string} */ camera, /** @type {number} */ frame, playing = false) {
   if (!playing) page().player.stop();
   // A stroke that is not ended is of the frame on which it began.
   page().pointer.complete();
@@ -44,8 +44,7 @@ export function show(camera, frame, playing = false) {
   showLabels();
 }
 
-/** @param {string} hash */
-function noteAddressSoon(hash) {
+function noteAddressSoon(/** @type {string} */ hash) {
   clearTimeout(page().timers.address);
   const from = location.hash;
   const note = () => {
@@ -57,26 +56,24 @@ function noteAddressSoon(hash) {
   else page().timers.address = setTimeout(note, ADDRESS_MS);
 }
 
-/** Go some frames of the filter on, or back. @param {number} count */
-export function step(count) {
+/** Go some frames of the filter on, or back. */
+export function step(/** @type {number} */ count) {
   const { camera, frame } = page().show;
   const next = stepFrom(camera, frame, count);
   if (next === null) say(count > 0 ? "No further frame (of this filter)." : "No frame before.");
   goTo(next);
 }
 
-/** Go to the next frame in one of some states; `words`: what such a frame is.
- * @param {string} states @param {string} words
- */
-export function jump(states, words, direction = 1) {
+/** Go to the next frame in one of some states; `words`: what such a frame is. */
+export function jump(/** @type {string} */ states, /** @type {string} */ words, direction = 1) {
   const { camera, frame } = page().show;
   const next = nextIn(camera, frame, states, direction);
   if (next === null) say(`There is no other frame ${words}.`);
   goTo(next);
 }
 
-/** Go to the next frame without a label, or back to one. @param {number} direction */
-export function unlabelled(direction) {
+/** Go to the next frame without a label, or back to one. */
+export function unlabelled(/** @type {number} */ direction) {
   const { camera, frame } = page().show;
   const listed = mission.blind && direction > 0 ? nextBlindFrame(camera, frame) : null;
   if (listed) {
@@ -85,7 +82,6 @@ export function unlabelled(direction) {
   } else jump("us", "without a label of yours", direction);
 }
 
-/** Go where the model is least sure. */
 export async function uncertain() {
   const { camera, frame } = page().show;
   const explain = complain("No uncertain frame is known:");
@@ -96,7 +92,6 @@ export async function uncertain() {
   show(next.camera, next.frame);
 }
 
-/** Show the other camera's picture. */
 export function switchCamera() {
   const cameras = Object.keys(mission.cameras);
   const { camera, frame } = page().show;
@@ -106,9 +101,7 @@ export function switchCamera() {
   else say(`The ${other} camera has no frame ${frame}.`);
 }
 
-/** Go to the next frame that is not done. Accepting may have made this one done already: it is
- * passed in any case.
- */
+/** Go to the next frame that is not done; accepting may have made this one done: it is passed. */
 export function jumpToOpen() {
   const { camera, frame } = page().show;
   const filtered = filterName() !== "all";

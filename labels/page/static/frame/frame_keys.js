@@ -2,16 +2,13 @@
 
 import { labelKeys, reachable } from "../core/keys.js";
 import { arrowKeys } from "../core/patch_grid.js";
+/** @import { HeldCommands, KeyEntry, KeyRow } from "../types.js" */
 
 const NEXT = "Frames";
 const PAINT = "Painting";
 const SEE = "Seeing";
 
-/** @import { Command, KeyEntry } from "../types.js" */
-
-/** Command, keys, group and what it does; commands with a release are held or tapped.
- * @type {[command: string, keys: string[], group: string, does: string][]}
- */
+/** Commands with a release are held or tapped. @type {KeyRow[]} */
 const TABLE = [
   ["next", ["d", ".", "PageDown"], NEXT, "next frame (of the filter)"],
   ["previous", ["a", ",", "PageUp"], NEXT, "frame before"],
@@ -63,11 +60,8 @@ const POINTER_HELP = [
   ["Wheel on the strip", "fewer or more frames there (also +, -, 0 on it); sideways: move it"],
 ];
 
-/** The view's keys, for commands by name.
- * @param {Record<string, Command & Pick<KeyEntry, "release">>} commands
- * @returns {KeyEntry[]}
- */
-export function frameKeys(commands) {
+/** The view's keys. @returns {KeyEntry[]} */
+export function frameKeys(/** @type {HeldCommands} */ commands) {
   const rows = TABLE.map(([name, keys, group, does]) => {
     const run = commands[name];
     return { keys, group, does, run, release: run.release };
@@ -76,8 +70,7 @@ export function frameKeys(commands) {
   return [...rows, ...labelKeys, ...pointer];
 }
 
-/** The key to show on a command's button. @param {string} command */
-export function keyForCommand(command) {
+export function keyForCommand(/** @type {string} */ command) {
   const keys = TABLE.find(([name]) => name === command)?.[1] ?? [""];
   return keys.find((key) => reachable(key) === key) ?? reachable(keys[0]);
 }

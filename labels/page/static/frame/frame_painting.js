@@ -11,8 +11,7 @@ import { isAway, state, whenIdle } from "../saving/saver.js";
 import { describeCell } from "./frame_bar.js";
 import { cannotDo, showCursor, showLabels, showStatus, showTools } from "./frame_display.js";
 import { isHere, page, view } from "./frame_state.js";
-
-/** @import { Host, How } from "../types.js" */
+/** @import { AcceptOptions, CursorMove, Host, How } from "../types.js" */
 
 /** @type {Host} What the pointer's gestures do here. */
 export const pointerHost = {
@@ -50,8 +49,8 @@ export function mayPaint() {
   return false;
 }
 
-/** Paint or erase patches, or accept their proposals. @param {number[]} cells @param {How} how */
-export function apply(cells, how, kind = "paint") {
+/** Paint, take back, or accept what is proposed for patches. */
+export function apply(/** @type {number[]} */ cells, /** @type {How} */ how, kind = "paint") {
   const { camera, frame } = page().show;
   if (how === "confirm") {
     if (accept(camera, frame, { cells }) === 0) say("Nothing is suggested there.");
@@ -64,23 +63,19 @@ export function apply(cells, how, kind = "paint") {
   announce(`${label}: ${cellName(cells[0])}${more}`);
 }
 
-/** Accept proposals; how many, null where something is asked first.
- * @param {{all?: boolean}} [options]
- */
+/** Accept proposals; how many, null where something is asked. @param {AcceptOptions} [options] */
 export function acceptHere(options) {
   if (!mayPaint()) return 0;
   const { camera, frame } = page().show;
   return accept(camera, frame, options);
 }
 
-/** The same; `words` if there are none. @param {string} words @param {{all?: boolean}} [options] */
+/** The same; `words`: if there are none. @param {string} words @param {AcceptOptions} [options] */
 export function acceptOr(words, options) {
   if (acceptHere(options) === 0) say(words);
 }
 
-/** Move the cursor, and read out what is there.
- * @param {number} rows @param {number} cols @param {boolean} extend
- */
+/** Move the cursor, and read out what is there. @type {CursorMove} */
 export function moveCursor(rows, cols, extend) {
   view.why = "";
   view.cursor.move(rows, cols, extend);
@@ -90,15 +85,14 @@ export function moveCursor(rows, cols, extend) {
   if (labels) announce(describeCell(view.cursor.cell, labels, page().hints[view.cursor.cell]));
 }
 
-/** Choose what painting does. @param {"erase" | "confirm"} next */
-export function chooseTool(next) {
+export function chooseTool(/** @type {"erase" | "confirm"} */ next) {
   view.tool = next;
   announce(next === "erase" ? "Painting takes labels back." : "Painting accepts proposals.");
   showTools();
 }
 
-/** A class key chooses the class, and paints the rectangle if there is one. @param {string} name */
-export function choose(name) {
+/** A class key: chooses the class, and paints the rectangle if there is one. */
+export function choose(/** @type {string} */ name) {
   view.tool = "paint";
   selectClass(name);
   if (view.cursor.spans && mayPaint()) apply(view.cursor.cells, "paint", "rectangle");
@@ -122,8 +116,7 @@ export function pressSpace() {
   view.space = { panned: false };
 }
 
-/** The space bar comes up. @param {Event} event */
-export function releaseSpace(event) {
+export function releaseSpace(/** @type {Event} */ event) {
   const paints = view.space && !view.space.panned && event.type === "keyup";
   view.space = null;
   if (!paints || !view.page) return;
@@ -133,7 +126,6 @@ export function releaseSpace(event) {
   }
 }
 
-/** Propose the labels of the frame before. */
 export async function copyPrevious() {
   if (!mayPaint()) return;
   const { camera, frame, before } = page().show;

@@ -7,6 +7,7 @@ import { frameIndex, frames, mission, setting, stateOf, takeNewsOf } from "../co
 import { forgetFailed, picture, pictureNow, prefetchPictures } from "../core/pictures.js";
 import { stepFrom } from "../labelling/steps.js";
 import { framesFollowed } from "../labelling/suggest.js";
+/** @import { FrameCanvas } from "../types.js" */
 
 const NEIGHBOURS = [1, 2, 3, -1]; // steps in the direction of travel
 const SLOW_MS = 250;
@@ -14,14 +15,10 @@ const SEEN_MS = 400;
 const TAP_MS = 300;
 const BLINK_MS = 450; // under three changes a second: no flicker that could harm anybody
 
-/** @import { FrameCanvas } from "./frame_canvas.js" */
-
 /** Shows one frame at a time on a FrameCanvas. */
 export class FrameShow {
-  /** @param {FrameCanvas} canvas
-   * @param {() => void} changed Another frame, or another picture of it, is shown.
-   */
-  constructor(canvas, changed) {
+  /** `changed`: another frame, or another picture of it, is shown. */
+  constructor(/** @type {FrameCanvas} */ canvas, /** @type {() => void} */ changed) {
     this.canvas = canvas;
     this.changed = changed;
     this.camera = "";
@@ -46,7 +43,6 @@ export class FrameShow {
     canvas.onDrawn = (tag) => this.drawn(tag);
   }
 
-  /** Stop all that goes on by itself. */
   close() {
     this.turn += 1;
     this.endBlink();
@@ -56,7 +52,6 @@ export class FrameShow {
     this.canvas.close();
   }
 
-  /** The contrast that is shown. */
   get enhance() {
     return this.raw ? 0 : setting("enhance");
   }
@@ -81,8 +76,7 @@ export class FrameShow {
     );
   }
 
-  /** Show a frame. @param {string} camera @param {number} frame */
-  go(camera, frame) {
+  go(/** @type {string} */ camera, /** @type {number} */ frame) {
     this.started = performance.now();
     this.endBlink();
     if (camera === this.camera) this.direction = frame < this.frame ? -1 : 1;
@@ -142,8 +136,7 @@ export class FrameShow {
     }
   }
 
-  /** @param {?ImageBitmap} bitmap @param {string} message */
-  show(bitmap, message) {
+  show(/** @type {?ImageBitmap} */ bitmap, /** @type {string} */ message) {
     const tag = bitmap ? `${this.camera}/${this.frame}` : null;
     this.canvas.set({ bitmap, dim: false, plain: false, message, badge: this.badge(), tag });
     this.changed();
@@ -173,8 +166,7 @@ export class FrameShow {
     if (frameIndex(this.camera, this.frame) >= 0) prefetch(this.camera, [this.frame]);
   }
 
-  /** @param {?string | undefined} tag */
-  drawn(tag) {
+  drawn(/** @type {?string | undefined} */ tag) {
     const { dim, labels } = this.canvas.content;
     if (tag !== `${this.camera}/${this.frame}` || dim || !labels || this.started === null) return;
     if (this.first) performance.mark("tokt:first");
@@ -232,8 +224,7 @@ export class FrameShow {
     }
   }
 
-  /** @param {boolean} on */
-  showBefore(on) {
+  showBefore(/** @type {boolean} */ on) {
     const frame = on ? this.before : this.frame;
     if (frame === null) return;
     this.showsBefore = on;
@@ -244,8 +235,7 @@ export class FrameShow {
     this.changed();
   }
 
-  /** @param {number} frame */
-  async fetchBefore(frame) {
+  async fetchBefore(/** @type {number} */ frame) {
     const { turn } = this;
     // Not readable, or given up: there is nothing to compare with.
     const bitmap = await picture(this.camera, frame, this.enhance).catch(() => null);
@@ -262,8 +252,7 @@ export class FrameShow {
   }
 }
 
-/** @param {string} camera @param {number} frame */
-function absent(camera, frame) {
+function absent(/** @type {string} */ camera, /** @type {number} */ frame) {
   const list = frames(camera);
   if (!list.length) return `This mission has no ${camera} camera.`;
   const range = `${list[0]} to ${list.at(-1)}`;

@@ -1,8 +1,7 @@
 // The state of the view of one frame: what is on the page, and what outlasts it.
 
 import { PatchCursor } from "../core/patch_grid.js";
-
-/** @import { FramePage, FrameState } from "../types.js" */
+/** @import { FrameState } from "../types.js" */
 
 /** The view's state; all of it. @type {FrameState} */
 export const view = {
@@ -15,10 +14,8 @@ export function page() {
   return view.page;
 }
 
-/** Whether a frame, or all of them (nulls), is what is shown.
- * @param {?string} camera @param {?number} frame
- */
-export function isHere(camera, frame) {
+/** Whether a frame, or all of them (nulls), is what is shown. */
+export function isHere(/** @type {?string} */ camera, /** @type {?number} */ frame) {
   const { show } = page();
   return camera === null || (camera === show.camera && frame === show.frame);
 }

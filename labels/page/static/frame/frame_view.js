@@ -26,7 +26,6 @@ import { isHere, page, view } from "./frame_state.js";
 import { listenToPointer } from "./gestures.js";
 import { Player } from "./play.js";
 import { Timeline } from "./timeline.js";
-
 /** @import { Tool } from "../types.js" */
 
 /** @type {Tool[]} */
@@ -52,8 +51,7 @@ const TOGGLES = [
   ["outlines", "Labels", "Labels and suggestions on the picture"],
 ];
 
-/** @param {HTMLElement} root */
-function build(root) {
+function build(/** @type {HTMLElement} */ root) {
   const element = el("canvas", {
     class: "frame-canvas",
     tabindex: 0, role: "application", "data-home": true, "aria-describedby": "status",
@@ -111,8 +109,7 @@ addView("label", {
     const place = view.page?.show ?? view.last;
     return `#/label/${place ? `${place.camera}/${place.frame}` : whereStopped().join("/")}`;
   },
-  /** @param {HTMLElement} root */
-  show(root, [camera = "", number = "", cell]) {
+  show(/** @type {HTMLElement} */ root, [camera = "", number = "", cell]) {
     const cameras = Object.keys(mission.cameras);
     if (view.page) view.page.player.stop();
     else build(root);

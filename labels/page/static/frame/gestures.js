@@ -1,25 +1,20 @@
 // What the pointer does on the frame's canvas: strokes, rectangles, heads, pan and zoom.
 
 import { cellsBetween, cellsOfColumn, cellsOfRow, cellsOnLine } from "../core/patch_grid.js";
+/** @import { FrameCanvas, Gesture, Hit, Host, PointerGestures, PointerTool } from "../types.js" */
 
 const WHEEL_STEP = 1.0015;
 const LEFT = 0;
 const MIDDLE = 1;
 const RIGHT = 2;
 
-/** @import { Gesture, Hit, Host, PointerGestures, PointerTool } from "../types.js" */
-/** @import { FrameCanvas } from "./frame_canvas.js" */
-
-/** Listen to the pointer over a canvas.
- * @param {FrameCanvas} view @param {Host} host @returns {PointerGestures}
- */
-export function listenToPointer(view, host) {
+/** Listen to the pointer over a canvas. @returns {PointerGestures} */
+export function listenToPointer(/** @type {FrameCanvas} */ view, /** @type {Host} */ host) {
   const { canvas } = view;
   /** @type {?Gesture} */
   let gesture = null;
 
-  /** @param {PointerEvent} event */
-  const start = (event) => {
+  const start = (/** @type {PointerEvent} */ event) => {
     if (gesture) return;
     if (event.button === MIDDLE || (event.button === LEFT && host.panning())) {
       gesture = panGesture(view, event);
@@ -32,13 +27,11 @@ export function listenToPointer(view, host) {
     canvas.focus({ preventScroll: true });
     canvas.setPointerCapture(event.pointerId);
   };
-  /** @param {PointerEvent} event */
-  const move = (event) => {
+  const move = (/** @type {PointerEvent} */ event) => {
     if (!gesture) host.hover(view.hit(event.clientX, event.clientY).cell);
     else for (const part of parts(event)) gesture.move(part);
   };
-  /** @param {PointerEvent} event */
-  const end = (event) => {
+  const end = (/** @type {PointerEvent} */ event) => {
     gesture?.move(event);
     complete();
   };
@@ -51,8 +44,7 @@ export function listenToPointer(view, host) {
     cancel();
     done?.finish?.();
   };
-  /** @param {WheelEvent} event */
-  const wheel = (event) => {
+  const wheel = (/** @type {WheelEvent} */ event) => {
     event.preventDefault();
     const { left, top } = canvas.getBoundingClientRect();
     const factor = WHEEL_STEP ** -(event.deltaMode ? event.deltaY * 30 : event.deltaY);
@@ -70,8 +62,8 @@ export function listenToPointer(view, host) {
   return { cancel, complete, busy: () => gesture !== null };
 }
 
-/** A fast pointer moves several times between two events. @param {PointerEvent} event */
-function parts(event) {
+/** A fast pointer moves several times between two events. */
+function parts(/** @type {PointerEvent} */ event) {
   const all = event.getCoalescedEvents?.() ?? [];
   return all.length ? all : [event];
 }
@@ -80,8 +72,7 @@ function parts(event) {
 function panGesture(view, first) {
   let { clientX, clientY } = first;
   return {
-    /** @param {PointerEvent} event */
-    move(event) {
+    move(/** @type {PointerEvent} */ event) {
       view.viewport.pan(event.clientX - clientX, event.clientY - clientY);
       ({ clientX, clientY } = event);
       view.invalidate();
@@ -115,16 +106,15 @@ function paintGesture(view, host, event) {
   });
 }
 
-/**
- * @param {FrameCanvas} view @param {Host} host @param {PointerTool} tool @param {Set<number>} cells
- * @param {string} kind @param {(to: Hit) => void} take @returns {Gesture}
+/** @param {FrameCanvas} view @param {Host} host @param {PointerTool} tool
+ * @param {Set<number>} cells @param {string} kind @param {(to: Hit) => void} take
+ * @returns {Gesture}
  */
 function showing(view, host, tool, cells, kind, take) {
   const show = () => view.set({ stroke: { cells, label: host.labelOf(tool) } });
   show();
   return {
-    /** @param {PointerEvent} event */
-    move(event) {
+    move(/** @type {PointerEvent} */ event) {
       take(view.hit(event.clientX, event.clientY));
       show();
     },

@@ -5,13 +5,10 @@ import { button, el, focusView, part, say } from "../core/dom.js";
 import { who } from "../core/mission.js";
 import { labelsAreStale } from "../saving/labels.js";
 import { cellName } from "../core/patch_grid.js";
-
 /** @import { Note } from "../types.js" */
 
-/** The notes of a frame that are on a patch, or on the frame, each in words.
- * @param {Note[]} notes @param {?number} cell
- */
-export function noteWords(notes, cell) {
+/** The notes of a frame that are on a patch, or on the frame, each in words. */
+export function noteWords(/** @type {Note[]} */ notes, /** @type {?number} */ cell) {
   const here = notes.filter((note) => note.cell === null || note.cell === cell);
   return here.map((note) => {
     const where = note.cell === null ? " on the frame" : "";
@@ -28,8 +25,7 @@ export function writeNote(camera, frame, cell, notes) {
   const field = el("textarea", { id: "note-text", maxlength: 2000, rows: 5 });
   field.value = here.find((note) => note.who === who())?.text ?? "";
   const failed = el("p", { role: "alert" });
-  /** @param {Event} event */
-  const save = async (event) => {
+  const save = async (/** @type {Event} */ event) => {
     event.preventDefault();
     const body = { camera, frame, cell, text: field.value.trim() };
     const answer = await post("/api/notes", body).catch(

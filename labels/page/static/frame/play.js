@@ -5,19 +5,16 @@ import { choice } from "../core/controls.js";
 import { backAfterMouse, el, say } from "../core/dom.js";
 import { setSetting, setting } from "../core/settings.js";
 import { stepFrom } from "../labelling/steps.js";
+/** @import { FrameShow, ShowFrame } from "../types.js" */
 
 const RATES = [1, 2, 5, 10, 25]; // frames a second
 const LOOK_MS = 8; // between two looks whether a late picture is there
 const MEAN_OF = 12; // frames over which the rate that is reached is taken
 const IN_TIME = 10; // frames that come in time before fewer are passed over
 
-/** @import { FrameShow } from "./frame_show.js" */
-
 /** Plays the frames that pass the filter. */
 export class Player {
-  /** @param {FrameShow} show @param {(camera: string, frame: number) => void} go Shows a frame.
-   * @param {HTMLButtonElement} toggle
-   */
+  /** @param {FrameShow} show @param {ShowFrame} go @param {HTMLButtonElement} toggle */
   constructor(show, go, toggle) {
     this.show = show;
     this.go = go;
@@ -35,7 +32,6 @@ export class Player {
     this.tell();
   }
 
-  /** Play from the frame that is shown. */
   start() {
     this.times = [performance.now()];
     this.inTime = 0;

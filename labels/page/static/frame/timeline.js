@@ -7,6 +7,7 @@ import { reachable } from "../core/keys.js";
 import { frameAspect, thumbAddress } from "../core/pictures.js";
 import { passing } from "../labelling/filters.js";
 import { STATES } from "../labelling/frame_states.js";
+/** @import { Context, LabelClass, Passes } from "../types.js" */
 
 const ORDER = Object.keys(STATES);
 const TICK_ROOM = 16;
@@ -16,8 +17,6 @@ const LEAST_SPAN = 20; // frames that the strip shows at least
 const WHEEL_STEP = 1.002;
 const PEEK = 176; // CSS pixels
 const REST_MS = 80; // a frame that the pointer only passes is not fetched
-
-/** @import { LabelClass } from "../types.js" */
 
 /** Draws the strip into a canvas that is a slider for keyboards and screen readers. */
 export class Timeline {
@@ -36,7 +35,6 @@ export class Timeline {
     this.words = el("span");
     this.peek = el("div", { class: "peek", hidden: true }, this.image, this.words);
     canvas.after(this.peek);
-    /** Draw again at the next screen refresh. */
     this.invalidate = soon(() => this.draw());
     this.observer = new ResizeObserver(this.invalidate);
     this.observer.observe(canvas);
@@ -53,8 +51,7 @@ export class Timeline {
     clearTimeout(this.peekTimer);
   }
 
-  /** Show a frame as the current one. @param {string} camera @param {number} frame */
-  set(camera, frame) {
+  set(/** @type {string} */ camera, /** @type {number} */ frame) {
     const list = frames(camera);
     const at = frameIndex(camera, frame);
     if (camera !== this.camera) this.span = Infinity;
@@ -76,27 +73,24 @@ export class Timeline {
     }
   }
 
-  /** How many frames the strip shows. */
   get shown() {
     return Math.min(this.span, frames(this.camera).length);
   }
 
-  /** Where a frame of the list begins, in CSS pixels. @param {number} at */
-  xOf(at) {
+  /** Where a frame of the list begins, in CSS pixels. */
+  xOf(/** @type {number} */ at) {
     return ((at - this.from) / this.shown) * this.canvas.clientWidth;
   }
 
-  /** Move what is shown by a count of frames. @param {number} by */
-  look(by) {
+  /** Move what is shown by a count of frames. */
+  look(/** @type {number} */ by) {
     const last = frames(this.camera).length - this.shown;
     this.from = Math.min(last, Math.max(0, this.from + by));
     this.invalidate();
   }
 
-  /** Show fewer frames (a factor over 1) or more; the frame at `held` stays where it is.
-   * @param {number} factor @param {number} held
-   */
-  zoom(factor, held) {
+  /** Show fewer frames (a factor over 1) or more; the frame at `held` stays where it is. */
+  zoom(/** @type {number} */ factor, /** @type {number} */ held) {
     const part = (held - this.from) / this.shown;
     this.span = Math.max(LEAST_SPAN, this.shown / factor);
     this.from = held - part * this.shown;
@@ -123,7 +117,7 @@ export class Timeline {
     this.drawCurrent(ctx, width, height);
   }
 
-  /** @param {CanvasRenderingContext2D} ctx @param {number} width @param {number} room
+  /** @param {Context} ctx @param {number} width @param {number} room
    * @param {LabelClass[]} bands @param {number} thick
    */
   drawFrames(ctx, width, room, bands, thick) {
@@ -160,9 +154,8 @@ export class Timeline {
     }
   }
 
-  /** @param {number[]} list @param {string[]} states
-   * @param {(camera: string, frame: number) => boolean} pass @param {number} from
-   * @param {number} to
+  /** @param {number[]} list @param {string[]} states @param {Passes} pass
+   * @param {number} from @param {number} to
    */
   summary(list, states, pass, from, to) {
     let best = 0;
@@ -177,8 +170,7 @@ export class Timeline {
     return { state: ORDER[best], passes, given };
   }
 
-  /** @param {CanvasRenderingContext2D} ctx @param {number} width @param {number} height */
-  drawTicks(ctx, width, height) {
+  drawTicks(/** @type {Context} */ ctx, /** @type {number} */ width, /** @type {number} */ height) {
     const list = frames(this.camera);
     const step = niceStep((this.shown * 70) / width);
     ctx.fillStyle = "#9fb0bf";
@@ -192,7 +184,7 @@ export class Timeline {
     }
   }
 
-  /** @param {CanvasRenderingContext2D} ctx @param {number} width @param {number} height */
+  /** @param {Context} ctx @param {number} width @param {number} height */
   drawCurrent(ctx, width, height) {
     const count = frames(this.camera).length;
     const x = this.xOf(frameIndex(this.camera, this.frame) + 0.5);
@@ -211,20 +203,17 @@ export class Timeline {
     ctx.fill();
   }
 
-  /** Where the pointer is among the frames. @param {MouseEvent} event */
-  placeAt(event) {
+  placeAt(/** @type {MouseEvent} */ event) {
     const { left, width } = this.canvas.getBoundingClientRect();
     return this.from + ((event.clientX - left) / width) * this.shown;
   }
 
-  /** @param {MouseEvent} event */
-  frameAt(event) {
+  frameAt(/** @type {MouseEvent} */ event) {
     const list = frames(this.camera);
     return list[Math.min(list.length - 1, Math.max(0, Math.floor(this.placeAt(event))))];
   }
 
-  /** @param {WheelEvent} event */
-  wheel(event) {
+  wheel(/** @type {WheelEvent} */ event) {
     event.preventDefault();
     const { deltaX, deltaY, deltaMode } = event;
     if (Math.abs(deltaX) > Math.abs(deltaY)) {
@@ -233,10 +222,8 @@ export class Timeline {
     this.showPeek(event);
   }
 
-  /** The small picture of the frame under the pointer, its number and what is known of it.
-   * @param {MouseEvent} event
-   */
-  showPeek(event) {
+  /** The small picture of the frame under the pointer, its number and what is known of it. */
+  showPeek(/** @type {MouseEvent} */ event) {
     const { camera, peek, image } = this;
     const frame = this.frameAt(event);
     const words = [STATES[stateOf(camera, frame)].words, givenIn(camera, frame).join(", ")];
@@ -257,8 +244,8 @@ export class Timeline {
     }, REST_MS);
   }
 
-  /** Until it is there, no other frame's picture may stand by its number. @param {boolean} on */
-  showImage(on) {
+  /** Until it is there: another frame's picture must not stand beside this one's number. */
+  showImage(/** @type {boolean} */ on) {
     this.image.style.visibility = on ? "visible" : "hidden";
   }
 
@@ -268,15 +255,13 @@ export class Timeline {
     this.peeked = null;
   }
 
-  /** @param {PointerEvent} event */
-  press(event) {
+  press(/** @type {PointerEvent} */ event) {
     if (event.button !== 0) return;
     this.canvas.setPointerCapture(event.pointerId);
     this.jump(this.frameAt(event));
   }
 
-  /** @param {PointerEvent} event */
-  drag(event) {
+  drag(/** @type {PointerEvent} */ event) {
     if (event.buttons & 1) {
       const frame = this.frameAt(event);
       if (frame !== this.frame) this.jump(frame);
@@ -284,8 +269,7 @@ export class Timeline {
     this.showPeek(event);
   }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
+  key(/** @type {KeyboardEvent} */ event) {
     const list = frames(this.camera);
     const at = frameIndex(this.camera, this.frame);
     const page = Math.max(1, Math.round(this.shown / 20));
@@ -315,8 +299,8 @@ export class Timeline {
   }
 }
 
-/** The step between ticks: 1, 2 or 5 times a power of ten. @param {number} least */
-export function niceStep(least) {
+/** The step between ticks: 1, 2 or 5 times a power of ten. */
+export function niceStep(/** @type {number} */ least) {
   for (let power = 1; ; power *= 10) {
     for (const digit of [1, 2, 5]) if (digit * power >= least) return digit * power;
   }

@@ -1,6 +1,7 @@
 // What part of a frame a canvas shows: zoom and pan, from frame pixels to the canvas and back.
 
 import { patchSize } from "../core/patch_grid.js";
+/** @import { Box } from "../types.js" */
 
 const MAX_ZOOM = 24;
 const MARGIN = { left: 26, top: 20, right: 6, bottom: 6 }; // CSS pixels: row and column heads
@@ -42,43 +43,36 @@ export class Viewport {
     };
   }
 
-  /** From canvas to frame pixels. @param {number} x @param {number} y */
-  toFrame(x, y) {
+  /** From canvas to frame pixels. */
+  toFrame(/** @type {number} */ x, /** @type {number} */ y) {
     const { origin, scale } = this;
     return { x: (x - origin.x) / scale, y: (y - origin.y) / scale };
   }
 
-  /** Zoom by a factor; what lies under (x, y) on the canvas stays there.
-   * @param {number} factor @param {number} x @param {number} y
-   */
-  zoomBy(factor, x, y) {
+  /** Zoom by a factor; what lies under (x, y) on the canvas stays there. */
+  zoomBy(/** @type {number} */ factor, /** @type {number} */ x, /** @type {number} */ y) {
     const held = this.toFrame(x, y);
     this.zoom = Math.min(MAX_ZOOM, Math.max(1, this.zoom * factor));
     const now = this.toFrame(x, y);
     this.moveCentre(held.x - now.x, held.y - now.y);
   }
 
-  /** Zoom by a factor at the middle. @param {number} factor */
-  zoomMiddle(factor) {
+  zoomMiddle(/** @type {number} */ factor) {
     const { width, height } = this.room;
     this.zoomBy(factor, MARGIN.left + width / 2, MARGIN.top + height / 2);
   }
 
-  /** Show the whole frame. */
   fit() {
     this.zoom = 1;
     this.centre = { x: 0.5, y: 0.5 };
   }
 
-  /** Move the picture by canvas pixels. @param {number} dx @param {number} dy */
-  pan(dx, dy) {
+  pan(/** @type {number} */ dx, /** @type {number} */ dy) {
     this.moveCentre(-dx / this.scale, -dy / this.scale);
   }
 
-  /** Move so that a box of frame pixels is in sight.
-   * @param {{x: number, y: number, width: number, height: number}} box
-   */
-  reveal({ x, y, width, height }) {
+  /** Move so that a box of frame pixels is in sight. */
+  reveal(/** @type {Box} */ { x, y, width, height }) {
     const first = this.toFrame(MARGIN.left, MARGIN.top);
     const { width: w, height: h } = this.room;
     const last = this.toFrame(MARGIN.left + w, MARGIN.top + h);
@@ -88,8 +82,7 @@ export class Viewport {
     );
   }
 
-  /** @param {number} dx @param {number} dy */
-  moveCentre(dx, dy) {
+  moveCentre(/** @type {number} */ dx, /** @type {number} */ dy) {
     const { centre, frame, room, scale } = this;
     this.centre = {
       x: hold(centre.x + dx / frame.width, room.width, frame.width * scale),
@@ -98,9 +91,8 @@ export class Viewport {
   }
 }
 
-/** The frame's edge does not come inside the canvas while the frame is larger than it.
- * @param {number} centre @param {number} room @param {number} size
- */
+// The frame's edge does not come inside the canvas while the frame is larger than it.
+/** @param {number} centre @param {number} room @param {number} size */
 function hold(centre, room, size) {
   if (size <= room) return 0.5;
   const half = room / size / 2;

@@ -2,17 +2,10 @@
 
 import { get, onFailure } from "../core/api.js";
 import { frameIndex, mission, onChange, onReload, setting, stateOf } from "../core/mission.js";
+/** @import { BlindList } from "../types.js" */
 
-/** @import { ByCamera, Place } from "../types.js" */
-
-const list = {
-  /** @type {?Place[]} Frames in the mission's order; null while they are not known. */
-  frames: null,
-  names: new Set(), // "camera/frame"
-  of: "", // whose frames they are
-  /** @type {?Promise<{cameras: ByCamera}>} */
-  asking: null,
-};
+/** @type {BlindList} */
+const list = { frames: null, names: new Set(), of: "", asking: null };
 
 /** Fetch the list, if somebody labels blind after somebody else here. Throws ApiError. */
 export async function loadBlindList() {
@@ -32,8 +25,8 @@ export function tryBlindList() {
   return loadBlindList().catch(onFailure());
 }
 
-/** Whether a frame is listed, or there is no list. @param {string} camera @param {number} frame */
-export function passesBlindList(camera, frame) {
+/** Whether a frame is on the list, or there is none. */
+export function passesBlindList(/** @type {string} */ camera, /** @type {number} */ frame) {
   return blindFrames().length === 0 || list.names.has(`${camera}/${frame}`);
 }
 
@@ -42,10 +35,7 @@ export function blindFrames() {
   return mission.blind && list.of === setting("blindOf") ? (list.frames ?? []) : [];
 }
 
-/** The next {camera, frame} to label blind that is not done, after this one, if one is named, and
- * then from the beginning; null when all are done or there is no list.
- * @param {string} [camera] @param {number} [frame]
- */
+/** The next frame to label blind, after this one and round the list's end; null: all are done. */
 export function nextBlindFrame(camera = "", frame = -1) {
   const open = blindFrames().filter((one) => stateOf(one.camera, one.frame) !== "d");
   const after = open.find((one) => one.camera === camera && one.frame > frame);

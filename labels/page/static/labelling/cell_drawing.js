@@ -4,6 +4,8 @@
 import { contextOf } from "../core/dom.js";
 import { classOf, colourOf, setting, signOf } from "../core/mission.js";
 import { ARROWS, cellAt, rowCol } from "../core/patch_grid.js";
+/** @import { Box, CellPlan, Context, DrawText, Hint, Note, ShownCell } from "../types.js" */
+/** @import { ShownLabels } from "../types.js" */
 
 const DASHES = { solid: [], dashed: [6, 4], dotted: [2, 6] };
 const TEXT_FROM = 44; // CSS pixels of patch width from which text fits
@@ -12,26 +14,20 @@ const HATCH = 10; // CSS pixels between two lines
 const FAINT = 0.5; // opacity of lines around what is clear
 const BOLD = "600 14px system-ui, sans-serif";
 
-/** @import { Box, CellPlan, Hint, Note, ShownCell, ShownLabels } from "../types.js" */
-
-/** What is drawn of a patch: its label, else what is proposed for it.
- * @param {?string} label @param {?Hint | undefined} hint @returns {?ShownCell}
- */
-export function shownCell(label, hint) {
+/** What is drawn of a patch: its label, else what is proposed for it. @returns {?ShownCell} */
+export function shownCell(/** @type {?string} */ label, /** @type {?Hint | undefined} */ hint) {
   if (label !== null) return { label, line: "solid", mark: "" };
   if (!hint) return null;
   const mark = hint.against ? "≠" : (hint.strong ? "" : "?") + (hint.kept ? "→" : "");
   return { label: hint.label, line: hint.strong ? "dashed" : "dotted", mark };
 }
 
-/** Draw `ShownCell`s, row by row: labels, outlined solid and tinted (unsure ones hatched), and
- * proposals, outlined dashed or, if not confident, dotted. What is clear has faint lines only.
- * @param {CellPlan} plan @param {(?ShownCell)[]} cells
+/** Draw labels, outlined solid and tinted (unsure ones hatched), and proposals, outlined dashed or,
+ * if not confident, dotted. What is clear has faint lines only. `cells`: row by row.
  */
-export function drawCells(plan, cells) {
+export function drawCells(/** @type {CellPlan} */ plan, /** @type {(?ShownCell)[]} */ cells) {
   const { ctx } = plan;
-  /** @param {number} cell */
-  const boxOf = (cell) => snapped(plan.boxOf(cell));
+  const boxOf = (/** @type {number} */ cell) => snapped(plan.boxOf(cell));
   const roomy = boxOf(0).width >= TEXT_FROM;
   const width = roomy ? 2 : 1;
   const keys = cells.map((cell) => cell && Object.values(cell).join(" "));
@@ -52,20 +48,19 @@ export function drawCells(plan, cells) {
   }
 }
 
-/** @param {?string} label */
-function isClear(label) {
+function isClear(/** @type {?string} */ label) {
   return classOf(label).obstacle === false;
 }
 
-/** On whole pixels lines are not blurred into what lies beside them. @param {Box} box */
-function snapped({ x, y, width, height }) {
+/** On whole pixels lines are not blurred into what lies beside them. */
+function snapped(/** @type {Box} */ { x, y, width, height }) {
   const [left, top] = [Math.round(x), Math.round(y)];
   return {
     x: left, y: top, width: Math.round(x + width) - left, height: Math.round(y + height) - top,
   };
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {Box} box @param {string} label */
+/** @param {Context} ctx @param {Box} box @param {string} label */
 function fill(ctx, { x, y, width, height }, label) {
   if (isClear(label)) return;
   const unsure = label === "unsure";
@@ -78,10 +73,8 @@ function fill(ctx, { x, y, width, height }, label) {
 /** @type {?CanvasPattern} */
 let hatch = null;
 
-/** Thin lines, light beside dark, so that they show on any ground.
- * @param {CanvasRenderingContext2D} ctx @returns {CanvasPattern | string}
- */
-function hatching(ctx) {
+/** Thin lines, light beside dark, so that they show on any ground. */
+function hatching(/** @type {Context} */ ctx) {
   if (hatch) return hatch;
   const tile = document.createElement("canvas");
   tile.width = tile.height = HATCH;
@@ -96,8 +89,8 @@ function hatching(ctx) {
   return hatch ?? colourOf("unsure");
 }
 
-/** The first cell of each connected area of equal keys. @param {unknown[]} keys */
-function firstOfAreas(keys) {
+/** The first cell of each connected area of equal keys. */
+function firstOfAreas(/** @type {unknown[]} */ keys) {
   const known = new Set();
   return [...keys.keys()].filter((start) => {
     if (keys[start] === null || known.has(start)) return false;
@@ -112,7 +105,7 @@ function firstOfAreas(keys) {
   });
 }
 
-/** Mark patches that wait for the server. @param {CellPlan} plan @param {Iterable<number>} cells */
+/** Mark what is not acknowledged. @param {CellPlan} plan @param {Iterable<number>} cells */
 export function drawPending({ ctx, boxOf }, cells) {
   Object.assign(ctx, { fillStyle: "#ffb000", strokeStyle: "#000", lineWidth: 1 });
   for (const cell of cells) {
@@ -126,8 +119,7 @@ export function drawPending({ ctx, boxOf }, cells) {
 
 /** What others said other than what is shown: an initial and the class's sign in the lower left
  * corner; a mark in the right one where two people are sure of different classes; a tick where it
- * is settled. That only somebody else said clear is not told where nothing is shown. `cells`: as
- * `drawCells` takes them.
+ * is settled. That only somebody else said clear is not told where nothing is shown.
  * @param {CellPlan} plan @param {ShownLabels} labels @param {(?ShownCell)[]} cells
  */
 export function drawOthers(plan, { mine, others, settled }, cells) {
@@ -151,8 +143,8 @@ export function drawOthers(plan, { mine, others, settled }, cells) {
   }
 }
 
-/** Whether two of these labels are sure and different. @param {(?string)[]} labels */
-export function disagree(labels) {
+/** Whether two of these labels are sure and different. */
+export function disagree(/** @type {(?string)[]} */ labels) {
   const sure = new Set(labels.filter((label) => label !== null && label !== "unsure"));
   return sure.size > 1;
 }
@@ -194,10 +186,8 @@ export function drawStroke({ ctx, boxOf }, cells, label) {
   ctx.globalAlpha = 1;
 }
 
-/** Edges towards a patch with another key, `inset` CSS pixels inside the patch.
- * @param {Path2D} path @param {Box} box @param {number} cell @param {unknown[]} keys
- * @param {number} inset
- */
+// Edges towards a patch with another key, `inset` CSS pixels inside the patch.
+/** @type {(path: Path2D, box: Box, cell: number, keys: unknown[], inset: number) => void} */
 function addEdges(path, { x, y, width, height }, cell, keys, inset) {
   const [row, col] = rowCol(cell);
   /** @param {number} r @param {number} c */
@@ -224,9 +214,7 @@ function addEdges(path, { x, y, width, height }, cell, keys, inset) {
   }
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {Path2D} path @param {string} colour
- * @param {number[]} dash @param {number} width
- */
+/** @type {(ctx: Context, path: Path2D, colour: string, dash: number[], width: number) => void} */
 function strokeTwice(ctx, path, colour, dash, width) {
   ctx.lineCap = "butt";
   ctx.setLineDash([]);
@@ -240,9 +228,8 @@ function strokeTwice(ctx, path, colour, dash, width) {
   ctx.setLineDash([]);
 }
 
-/** On its colour only where it is a label and there is room: all else covers less of the picture.
- * @param {CanvasRenderingContext2D} ctx @param {Box} box @param {ShownCell} shown
- */
+// On its colour only where it is a label and there is room: all else covers less of the picture.
+/** @param {Context} ctx @param {Box} box @param {ShownCell} shown */
 function drawSign(ctx, { x, y, width }, { label, line, mark }) {
   const text = (isClear(label) ? "" : signOf(label)) + mark;
   if (width < TEXT_FROM) smallText(ctx, text, x + 2, y, colourOf(label));
@@ -256,25 +243,21 @@ function drawSign(ctx, { x, y, width }, { label, line, mark }) {
   }
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} x @param {number} y
- * @param {string} ink
- */
+/** @type {DrawText} */
 function smallText(ctx, text, x, y, ink) {
   Object.assign(ctx, { font: BOLD, lineWidth: 3, textAlign: "left", textBaseline: "top" });
   rimmedText(ctx, text, x, y, ink);
 }
 
-/** @param {CanvasRenderingContext2D} ctx @param {string} text @param {number} x @param {number} y
- * @param {string} ink
- */
+/** @type {DrawText} */
 function rimmedText(ctx, text, x, y, ink) {
   Object.assign(ctx, { lineJoin: "round", strokeStyle: "#000000", fillStyle: ink });
   ctx.strokeText(text, x, y);
   ctx.fillText(text, x, y);
 }
 
-/** Fold a corner of patches that have a note. @param {CellPlan} plan @param {Note[]} notes */
-export function drawNotes({ ctx, boxOf }, notes) {
+/** Fold the upper right corner of patches that have a note. */
+export function drawNotes(/** @type {CellPlan} */ { ctx, boxOf }, /** @type {Note[]} */ notes) {
   for (const { cell } of notes) {
     if (cell === null) continue;
     const { x, y, width, height } = boxOf(cell);

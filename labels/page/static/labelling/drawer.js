@@ -5,11 +5,9 @@ import { backAfterMouse, el, part, setAttribute, setText } from "../core/dom.js"
 import { mission, setSetting, setting } from "../core/mission.js";
 import { obstacleChoice } from "./obstacle_class.js";
 import { needsObstacleClass, obstacleClass, percentRight } from "./suggest.js";
-
 /** @import { Child, NumberSetting } from "../types.js" */
 
-/** Build the drawer of settings, with `more` of the view. @param {...Child} more */
-export function buildDrawer(...more) {
+export function buildDrawer(/** @type {Child[]} */ ...more) {
   const model = el("div", { class: "model" });
   const root = el("aside", { class: "drawer", "aria-label": "Settings" },
     slider("enhance", "Contrast", 0, 100, 5),
@@ -26,10 +24,7 @@ export function buildDrawer(...more) {
   return { root, show };
 }
 
-/** A slider of a setting, with its value.
- * @param {NumberSetting} name @param {string} label @param {number} min @param {number} max
- * @param {number} step
- */
+/** @type {(name: NumberSetting, label: string, min: number, max: number, step: number) => Node} */
 function slider(name, label, min, max, step) {
   const input = el("input", {
     type: "range", min, max, step, value: setting(name), "data-setting": name,
@@ -42,8 +37,7 @@ function slider(name, label, min, max, step) {
   return made;
 }
 
-/** @param {Element} slider */
-function showSlider(slider) {
+function showSlider(/** @type {Element} */ slider) {
   const input = part(slider, "input");
   const name = /** @type {NumberSetting} */ (input.dataset.setting);
   const value = String(setting(name));
@@ -63,8 +57,7 @@ const NO_MODEL =
   "No model yet. It would suggest a class for each patch, and you would only mend what is wrong. " +
   "It learns from some twenty labelled frames, with water and obstacles.";
 
-/** @param {HTMLElement} root @param {string} said */
-function showModel(root, said) {
+function showModel(/** @type {HTMLElement} */ root, /** @type {string} */ said) {
   const { model } = mission;
   if (mission.blind || !model) {
     if (mission.blind) setText(root, "Blind: suggestions are hidden.");

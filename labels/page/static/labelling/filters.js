@@ -7,6 +7,7 @@ import { backAfterMouse, signal } from "../core/dom.js";
 import {
   frames, mission, onChange, onReload, setSetting, setting, stateOf,
 } from "../core/mission.js";
+/** @import { ByCamera, Passes, QueueEntry, Signal, Words } from "../types.js" */
 
 const CLASS = "class:";
 const DEPTH = "depth:";
@@ -14,11 +15,7 @@ const NEXT = "next";
 const NEXT_FRAMES = 5;
 const ASK_AGAIN_MS = 300;
 
-/** @import { ByCamera, QueueEntry, Signal } from "../types.js" */
-
-/** The filters by state in the words of the page; all but "all" and "open" are one state.
- * @type {Record<string, string>}
- */
+/** By state, in the words of the page; all but "all" and "open" are one state. @type {Words} */
 const FILTERS = {
   all: "all frames",
   open: "not done",
@@ -29,9 +26,7 @@ const FILTERS = {
   x: "disagreement",
 };
 
-/** The filters to choose from: each value of the setting "filter", and its words.
- * @returns {[value: string, words: string][]}
- */
+/** The values of the setting "filter". @returns {[value: string, words: string][]} */
 export function filterChoices() {
   const states = Object.entries(FILTERS).filter(([name]) => name !== "x" || !mission.blind);
   /** @type {[string, string][]} */
@@ -49,15 +44,12 @@ export function filterName() {
   return filterChoices().some(([name]) => name === chosen) ? chosen : "all";
 }
 
-/** The filter in force in words. */
 export function filterWords() {
   const chosen = filterName();
   return filterChoices().find(([name]) => name === chosen)?.[1] ?? "";
 }
 
-/** Whether the filter in force lets a frame through, looked up once for many.
- * @returns {(camera: string, frame: number) => boolean}
- */
+/** Whether the filter in force lets a frame through, looked up once for many. @returns {Passes} */
 export function passing() {
   const name = filterName();
   if (name === "all") return () => true;
@@ -66,14 +58,12 @@ export function passing() {
   return (camera, frame) => states.includes(stateOf(camera, frame));
 }
 
-/** The frames of a camera that pass the filter. @param {string} camera */
-export function passingFrames(camera) {
+export function passingFrames(/** @type {string} */ camera) {
   const pass = passing();
   return frames(camera).filter((frame) => pass(camera, frame));
 }
 
-/** The choice of the filter. @param {string} words @param {string} title */
-export function filterSelect(words, title) {
+export function filterSelect(/** @type {string} */ words, /** @type {string} */ title) {
   const options = { class: "filter", "aria-label": words, title };
   const select = choice(filterChoices(), filterName(), options);
   select.addEventListener("change", () => setSetting("filter", select.value));
@@ -85,13 +75,11 @@ export function filterSelect(words, title) {
 /** @type {{filter: string, frames: ?Record<string, Set<number>>, asked: number, timer: number}} */
 const list = { filter: "", frames: null, asked: 0, timer: 0 }; // `frames` null: not known yet
 
-/** Be told that the frames asked for last are known: `onClassFrames((first) => ...)` returns what
- * stops it; `first`: they were not known before.
- * @type {Signal<[first: boolean]>}
- */
+/** Be told that the frames asked for are known. @type {Signal<[first: boolean]>} */
 export const [onClassFrames, classFramesKnown] = signal();
 
-/** False while it is unknown. @param {string} name @param {string} camera @param {number} frame */
+// False while that is not known.
+/** @param {string} name @param {string} camera @param {number} frame */
 function listed(name, camera, frame) {
   if (name !== list.filter) {
     forgetList();

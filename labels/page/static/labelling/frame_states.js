@@ -1,8 +1,8 @@
 // The states of frames, as every view names and draws them.
 
-/** Each state's name, colour and part of the strip's height. Later ones win a shared pixel.
- * @type {Record<string, {words: string, colour: string, height: number}>}
- */
+/** @import { FrameLook } from "../types.js" */
+
+/** Later ones win a shared pixel. @type {Record<string, FrameLook>} */
 export const STATES = {
   u: { words: "unseen", colour: "#66727d", height: 0.14 },
   s: { words: "seen", colour: "#b4bec7", height: 0.34 },

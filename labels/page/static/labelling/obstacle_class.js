@@ -13,23 +13,19 @@ export function obstacleChoice() {
   return backAfterMouse(select);
 }
 
-/** @param {string} value */
-async function setObstacleClass(value) {
+async function setObstacleClass(/** @type {string} */ value) {
   const explain = complain("Not kept:", { stays: true });
   // All pages hear of it as an event, this one too: events come in order, an answer may not.
   await post("/api/settings", { name: "obstacle_as", value }).catch(onFailure(explain));
 }
 
-/** Ask which class the model's obstacles are, where it learnt several and nobody said it yet;
- * whether it had to be asked.
- */
+/** Ask which of several learnt classes are obstacles, if nobody said so; whether it is asked. */
 export function askObstacleClass() {
   const dialog = dialogById("question");
   if (!mission.model || !asksObstacleClass()) return false;
   if (dialog.open) return true;
   const { learnt, label } = mission.model;
-  /** @param {string} name */
-  const choose = (name) => {
+  const choose = (/** @type {string} */ name) => {
     dialog.close();
     setObstacleClass(name);
   };

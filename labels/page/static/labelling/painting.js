@@ -8,8 +8,7 @@ import { labelsChanged, labelsOf } from "../saving/labels.js";
 import { act, changesOf } from "../saving/saver.js";
 import { askObstacleClass } from "./obstacle_class.js";
 import { kindOf, modelObstacles, suggestedLabels } from "./suggest.js";
-
-/** @import { Hint, LabelledPatch, Place } from "../types.js" */
+/** @import { AcceptOptions, Hint, LabelledPatch, Place, Rest } from "../types.js" */
 
 const PREFIX = "tokt.copy/";
 const COPY = { text: "copy", percent: null, strong: true, kept: true, model: null };
@@ -28,9 +27,7 @@ export function paint(camera, frame, cells, label, kind = "paint") {
 /** The patches of a frame without a label of mine, which one key makes clear; but not those that
  * the model calls an obstacle, or that are proposed as one: to call them clear takes a stroke of
  * their own.
- * @param {string} camera @param {number} frame @param {(?Hint)[]} [hints] Its proposals.
- * @returns {{cells: number[], left: number, waits: boolean}} `left`: how many stay as they are;
- *   `waits`: what the model says is not known yet.
+ * @param {string} camera @param {number} frame @returns {Rest}
  */
 export function restOf(camera, frame, hints = hintsOf(camera, frame)) {
   const mine = labelsOf(camera, frame)?.mine ?? [];
@@ -41,8 +38,8 @@ export function restOf(camera, frame, hints = hintsOf(camera, frame)) {
   return { cells, left: open.length - cells.length, waits: false };
 }
 
-/** Label the rest of a frame with the clear class. @param {string} camera @param {number} frame */
-export function paintRest(camera, frame) {
+/** Label the rest of a frame with the class that is no obstacle. */
+export function paintRest(/** @type {string} */ camera, /** @type {number} */ frame) {
   const { cells, left, waits } = restOf(camera, frame);
   const words = waits ? "What the model says is still being loaded." : leftWords(left);
   if (!cells.length) say(words || "Every patch of this frame has a label already.");
@@ -51,17 +48,14 @@ export function paintRest(camera, frame) {
   }
 }
 
-/** What is said of patches that a key for many left out. @param {number} left */
-export function leftWords(left) {
+/** What is said of patches that a key for many left out. */
+export function leftWords(/** @type {number} */ left) {
   const patches = left === 1 ? "1 patch stays" : `${left} patches stay`;
   return left ? `${patches} open: the model sees an obstacle there.` : "";
 }
 
-/** Accept proposals.
- * @param {string} camera @param {number} frame
- * @param {{cells?: number[], all?: boolean}} [options] `cells`: these only; `all`: also those
- *   below the threshold.
- * @returns {?number} How many patches have a label now; null where something is asked first.
+/** Accept proposals; how many patches have a label now, null where something is asked first.
+ * @param {string} camera @param {number} frame @param {AcceptOptions} [options]
  */
 export function accept(camera, frame, { cells, all = false } = {}) {
   const hints = hintsOf(camera, frame);
@@ -79,15 +73,13 @@ export function accept(camera, frame, { cells, all = false } = {}) {
   return patches.length;
 }
 
-/** Whether it must be asked first which obstacle the model means by these patches; then it is.
- * @param {LabelledPatch[]} patches
- */
-export function asksFirst(patches) {
+/** Whether it must be asked first which obstacle the model means by these patches; then it is. */
+export function asksFirst(/** @type {LabelledPatch[]} */ patches) {
   return patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass();
 }
 
-/** Propose again the copies that an undone action took. @param {string | undefined} key */
-export function proposeAgain(key) {
+/** Propose the copies again that an action took which is undone now. */
+export function proposeAgain(/** @type {string | undefined} */ key) {
   const { camera, frame, copies } = taken.get(key ?? "") ?? { camera: "", frame: 0, copies: [] };
   if (!copies.some(Boolean) || !setCopies(camera, frame, copies)) return;
   labelsChanged(camera, frame);
@@ -95,8 +87,8 @@ export function proposeAgain(key) {
 
 /** Propose labels, one a cell or null, for the patches that have none; `whose`: where they come
  * from, in words; `none`: what to say where there are none.
- * @param {string} camera @param {number} frame @param {(?string)[]} labels @param {string} whose
- * @param {string} none
+ * @param {string} camera @param {number} frame @param {(?string)[]} labels
+ * @param {string} whose @param {string} none
  */
 export function propose(camera, frame, labels, whose, none) {
   const mine = labelsOf(camera, frame)?.mine ?? [];
@@ -115,8 +107,8 @@ export function propose(camera, frame, labels, whose, none) {
   say(`${copied} labels of ${whose} copied: Enter accepts, Escape drops them. ${words}`);
 }
 
-/** Drop copies not accepted; whether any were. @param {string} camera @param {number} frame */
-export function dropAllCopies(camera, frame) {
+/** Drop the copies that were not accepted; whether there were any. */
+export function dropAllCopies(/** @type {string} */ camera, /** @type {number} */ frame) {
   const copies = copiesOf(camera, frame);
   if (!copies.some(Boolean)) return false;
   setCopies(camera, frame, copies.map(() => null));
@@ -127,9 +119,9 @@ export function dropAllCopies(camera, frame) {
 
 /** The proposals for the patches of a frame without a label of mine; a copy goes before a
  * suggestion, but a clear class is not copied over what the model calls an obstacle.
- * @param {string} camera @param {number} frame @returns {(?Hint)[]}
+ * @returns {(?Hint)[]}
  */
-export function hintsOf(camera, frame) {
+export function hintsOf(/** @type {string} */ camera, /** @type {number} */ frame) {
   const labels = labelsOf(camera, frame);
   if (!labels) return [];
   const copies = copiesOf(camera, frame);
@@ -153,22 +145,18 @@ export function hintsOf(camera, frame) {
   });
 }
 
-/** @param {string} camera @param {number} frame */
-function nameOf(camera, frame) {
+function nameOf(/** @type {string} */ camera, /** @type {number} */ frame) {
   const { rows, cols } = mission.grid;
   return `${PREFIX}${mission.mission}/${rows}x${cols}/${who()}/${camera}/${frame}`;
 }
 
-/** The unconfirmed copies on a frame: labels or null, one a cell; empty where there are none.
- * @param {string} camera @param {number} frame @returns {(?string)[]}
- */
-function copiesOf(camera, frame) {
+/** Unconfirmed copies on a frame, one a cell; empty: there are none. @returns {(?string)[]} */
+function copiesOf(/** @type {string} */ camera, /** @type {number} */ frame) {
   return read(nameOf(camera, frame)) ?? [];
 }
 
-/** Whether the browser keeps them.
- * @param {string} camera @param {number} frame @param {(?string)[]} labels
- */
+// Whether the browser keeps them.
+/** @param {string} camera @param {number} frame @param {(?string)[]} labels */
 function setCopies(camera, frame, labels) {
   const name = nameOf(camera, frame);
   if (labels.some((label) => label !== null)) return write(name, labels);

@@ -3,9 +3,9 @@
 import { get } from "../core/api.js";
 import { frameIndex, frames, mission, stateOf } from "../core/mission.js";
 import { passing } from "./filters.js";
+/** @import { Place } from "../types.js" */
 
-/** The frame some steps away (negative: backwards) among those that pass the filter; null if there
- * is none in that direction.
+/** The frame some steps away (negative: backwards) that passes the filter; null if there is none.
  * @param {string} camera @param {number} frame @param {number} steps
  */
 export function stepFrom(camera, frame, steps) {
@@ -35,9 +35,7 @@ export function nextIn(camera, frame, states, direction = 1) {
   return null;
 }
 
-/** Camera and frame where a person goes on: the one labelled last, else the first not done.
- * @returns {[camera: string, frame: number]}
- */
+/** The frame labelled last, else the first not done. @returns {[camera: string, frame: number]} */
 export function whereStopped() {
   const last = mission.undo.undo;
   if (last && frameIndex(last.camera, last.frame) >= 0) return [last.camera, last.frame];
@@ -53,13 +51,10 @@ const QUEUE_LENGTH = 30;
 const shown = new Set();
 
 /** The frame that the model is least sure about and that is unlike what is labelled, asked for
- * while a frame of a camera is shown.
- * @param {string} camera @param {number} frame
- * @returns {Promise<{camera?: string, frame?: number, why: string}>} Without a frame: `why` says
- *   why there is none.
- * @throws {ApiError}
+ * while another is shown; throws ApiError.
+ * @returns {Promise<Partial<Place> & {why: string}>}
  */
-export async function nextUncertain(camera, frame) {
+export async function nextUncertain(/** @type {string} */ camera, /** @type {number} */ frame) {
   if (!mission.model) return { why: "There is no model yet: train one (Files and models)." };
   const queue = await get("/api/queue", { n: QUEUE_LENGTH, camera, frame });
   if (!queue.ready) {

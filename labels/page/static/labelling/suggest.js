@@ -21,7 +21,6 @@
 
 import { classOf, clearClass, frameIndex, frames, mission, setting } from "../core/mission.js";
 import { labelsOf } from "../saving/labels.js";
-
 /** @import { Held, Model, Says, Suggestion } from "../types.js" */
 
 const MAX_CHAIN = 32;
@@ -54,24 +53,20 @@ export function needsObstacleClass() {
   return model.classes.some((_, at) => model.obstacle[at] && !isNamed(model, at));
 }
 
-/** Whether a class of the model's is one of the taxonomy, and an obstacle there as it is here.
- * @param {Model} model @param {number} index
- */
-function isNamed({ classes: names, obstacle }, index) {
+/** Whether a class of the model's is one of the taxonomy, and an obstacle there as it is here. */
+function isNamed(/** @type {Model} */ { classes: names, obstacle }, /** @type {number} */ index) {
   return kindOf(names[index]) === obstacle[index];
 }
 
-/** @param {Model} model @param {number} index */
-function labelFor(model, index) {
+function labelFor(/** @type {Model} */ model, /** @type {number} */ index) {
   if (isNamed(model, index)) return model.classes[index];
   return model.obstacle[index] ? obstacleClass() : clearClass();
 }
 
 /** Which patches of a frame the model calls an obstacle, whether suggestions are shown or not; null
  * while that is not known, empty where no model judges the frame.
- * @param {string} camera @param {number} frame @returns {?boolean[]}
  */
-export function modelObstacles(camera, frame) {
+export function modelObstacles(/** @type {string} */ camera, /** @type {number} */ frame) {
   const { model } = mission;
   if (!model || mission.blind) return [];
   const suggestions = labelsOf(camera, frame)?.suggestions;
@@ -79,11 +74,8 @@ export function modelObstacles(camera, frame) {
   return suggestions.classes.map((index) => model.obstacle[index]);
 }
 
-/** The suggestion for each patch of a frame; null where there are none (no model, blind, not
- * computed yet, or the frame cannot be judged).
- * @param {string} camera @param {number} frame @returns {?Suggestion[]}
- */
-export function suggestedLabels(camera, frame) {
+/** For each patch; null: no model, blind, not computed, or not judged. @returns {?Suggestion[]} */
+export function suggestedLabels(/** @type {string} */ camera, /** @type {number} */ frame) {
   const own = setting("suggestions") ? modelSays(camera, frame) : null;
   if (!own) return null;
   const threshold = setting("confidence");
@@ -98,21 +90,17 @@ export function suggestedLabels(camera, frame) {
 }
 
 /** How many of a hundred patches, at least, that a model called obstacle (or clear) with such a
- * decision value were so: of patches that it had not learnt from when it was trained. Null where
- * that was not measured.
- * @param {boolean} obstacle @param {number} value
+ * value were so, of patches that it had not learnt from; null where that was not measured.
  */
-export function percentRight(obstacle, value) {
+export function percentRight(/** @type {boolean} */ obstacle, /** @type {number} */ value) {
   const found = mission.model?.right.find(
     ([of, low, high]) => Boolean(of) === obstacle && value >= low && value < (high ?? Infinity),
   );
   return found?.[3] ?? null;
 }
 
-/** What the model alone says of each patch.
- * @param {string} camera @param {number} frame @returns {?Says[]}
- */
-function modelSays(camera, frame) {
+/** What the model alone says of each patch. @returns {?Says[]} */
+function modelSays(/** @type {string} */ camera, /** @type {number} */ frame) {
   const { model } = mission;
   const suggestions = labelsOf(camera, frame)?.suggestions;
   // The server may have been started anew with another model, which has other classes.
@@ -133,8 +121,8 @@ function followed(says, y) {
   return !y || contradicts(says, y) ? { label: says.label, mine: false } : y;
 }
 
-/** Whether a class is an obstacle; null if it says neither, as unsure. @param {?string} label */
-export function kindOf(label) {
+/** Whether a class is an obstacle; null of one that says neither, such as unsure. */
+export function kindOf(/** @type {?string} */ label) {
   return classOf(label).obstacle;
 }
 
@@ -146,10 +134,8 @@ function contradicts({ label, named, value }, { label: y, mine }) {
   return !agrees && value >= setting("follow");
 }
 
-/** The frames before one that its suggestions depend on, latest first.
- * @param {string} camera @param {number} frame @returns {number[]}
- */
-export function framesFollowed(camera, frame) {
+/** The frames before one that its suggestions depend on, latest first. */
+export function framesFollowed(/** @type {string} */ camera, /** @type {number} */ frame) {
   if (!mission.model || !setting("follow")) return [];
   const list = frames(camera);
   const chain = [];
@@ -163,10 +149,8 @@ export function framesFollowed(camera, frame) {
   return chain;
 }
 
-/** What holds on the frame before: labels of mine, else what is suggested there by the same rule.
- * @param {string} camera @param {number} frame @returns {?(?Held)[]}
- */
-function heldBefore(camera, frame) {
+/** Labels of mine on the frame before, else what is suggested there. */
+function heldBefore(/** @type {string} */ camera, /** @type {number} */ frame) {
   const chain = [];
   for (const earlier of framesFollowed(camera, frame)) {
     const labels = labelsOf(camera, earlier);
@@ -187,9 +171,7 @@ function heldBefore(camera, frame) {
   return held;
 }
 
-/** Why a frame has no suggestions; "" where it has or nothing is amiss.
- * @param {string} camera @param {number} frame
- */
-export function suggestionFault(camera, frame) {
+/** Why a frame has no suggestions; "" where it has or nothing is amiss. */
+export function suggestionFault(/** @type {string} */ camera, /** @type {number} */ frame) {
   return labelsOf(camera, frame)?.suggestions?.fault ?? "";
 }

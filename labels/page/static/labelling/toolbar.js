@@ -8,6 +8,7 @@ import { button, el, redraw, say, setAttribute, setText } from "../core/dom.js";
 import { DRAWER_KEY, reachable, toggleDrawer } from "../core/keys.js";
 import { clearClass, colourOf, mission, setting, signOf } from "../core/mission.js";
 import { currentView, go } from "../core/router.js";
+/** @import { Commands, Head, KeyFor, PainterButton, PainterRow, Tool } from "../types.js" */
 
 /** Undo, and propose again what the undone action had accepted. */
 export async function stepBack() {
@@ -16,15 +17,12 @@ export async function stepBack() {
   tell("Undone", head);
 }
 
-/** Do again what was undone last. */
 export async function stepForward() {
   tell("Done again", await redo());
 }
 
-/** Say what was undone where, and show it: views of frames go there, the others offer to.
- * @param {string} what @param {?Head} head
- */
-function tell(what, head) {
+/** Say what was undone where, and show it: views of frames go there, the others offer to. */
+function tell(/** @type {string} */ what, /** @type {?Head} */ head) {
   if (!head) return;
   const view = currentView();
   const goes = view === "label" || view === "overview";
@@ -33,8 +31,7 @@ function tell(what, head) {
   say(`${what}: ${words(head)}.`, { link });
 }
 
-/** @param {Head} head */
-function words({ kind, changed, camera, frame, frames: count }) {
+function words(/** @type {Head} */ { kind, changed, camera, frame, frames: count }) {
   const patches = changed === 1 ? "1 patch" : `${changed} patches`;
   const more = count > 1 ? ` and ${count - 1} more` : "";
   return `${kind}, ${patches}, ${camera} frame ${frame}${more}`;
@@ -44,21 +41,16 @@ const OWN = { undo: stepBack, redo: stepForward, settings: toggleDrawer };
 /** @type {Record<string, string>} */
 const OWN_KEYS = { undo: "z", redo: "Z", settings: DRAWER_KEY };
 
-/** @import { Command, Head, PainterRow, Tool } from "../types.js" */
-
-/** Build the toolbar.
- * @param {Record<string, Command>} commands
- * @param {(name: string) => unknown} choose Takes a class.
- * @param {(command: string) => string} keyFor As of `commandButtons`.
- * @param {Tool[]} tools What painting can do beside classes.
- * @param {Tool[]} actions Of the view, "rest" among them; the first one is the main one.
+/** Build the toolbar; `choose` takes a class; `tools`: what painting can do beside classes;
+ * `actions`: of the view, "rest" among them; the first one is the main one.
+ * @param {Commands} commands @param {(name: string) => unknown} choose @param {KeyFor} keyFor
+ * @param {Tool[]} tools @param {Tool[]} actions
  */
 export function buildToolbar(commands, choose, keyFor, tools, actions) {
   /** @param {string} name */
   const keys = (name) => (OWN_KEYS[name] ? reachable(OWN_KEYS[name]) : keyFor(name));
   const command = commandButtons({ ...OWN, ...commands }, keys);
-  /** @param {Tool} tool */
-  const make = ([name, text, does]) => command(text, name, does);
+  const make = (/** @type {Tool} */ [name, text, does]) => command(text, name, does);
   const undoing = command("Undo", "undo", "Undo");
   const redoing = command("Redo", "redo", "Do again");
   const drawer = command("Settings", "settings", "Settings");
@@ -89,8 +81,8 @@ export function buildToolbar(commands, choose, keyFor, tools, actions) {
   return { root, show };
 }
 
-/** Whether that is known here. @param {?Partial<Head>} head @returns {head is Head} */
-function isHead(head) {
+/** Whether that is known here. @returns {head is Head} */
+function isHead(/** @type {?Partial<Head>} */ head) {
   return Boolean(head?.key);
 }
 
@@ -120,8 +112,7 @@ function classTree() {
   const all = mission.classes;
   /** @type {PainterRow[]} */
   const rows = [];
-  /** @param {PainterRow} row @param {number} depth */
-  const add = (row, depth) => {
+  const add = (/** @type {PainterRow} */ row, /** @type {number} */ depth) => {
     rows.push({ ...row, depth });
     for (const known of all) if (known.parent === row.name) add(known, depth + 1);
   };
@@ -134,11 +125,7 @@ function classTree() {
   return rows;
 }
 
-/**
- * @param {{name: string, group?: boolean, depth?: number, on: boolean, colour: string, sign: string,
- *   title: unknown[], disabled: boolean}} row
- * @param {() => unknown} run
- */
+/** @param {PainterButton} row @param {() => unknown} run */
 function painterButton({ name, group, depth, on, colour, sign, title, disabled }, run) {
   if (group) return el("span", { class: "group", text: name });
   const attributes = { class: "painter", title: title.filter(Boolean).join(" · "), disabled };

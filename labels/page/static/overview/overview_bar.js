@@ -10,18 +10,14 @@ import { buildDrawer } from "../labelling/drawer.js";
 import { filterSelect } from "../labelling/filters.js";
 import { buildToolbar } from "../labelling/toolbar.js";
 import { suggesting } from "./thumb.js";
-
-/** @import { Tally } from "../types.js" */
+/** @import { BarCommands, Tally } from "../types.js" */
 
 /** @type {Record<string, string>} */
 const KEYS = { acceptNext: "Enter", acceptAll: "Shift+Enter", rest: "o" };
 
 /** The bar, the toolbar and the drawer. */
 export class OverviewBar {
-  /** @param {{accept: (all: boolean) => void, rest: () => void, turn: (step: number) => void,
-   *   resize: (step: number) => void, otherCamera: () => void}} does What the buttons do.
-   */
-  constructor(does) {
+  constructor(/** @type {BarCommands} */ does) {
     this.range = el("span", { class: "overview-range" });
     this.words = el("span", { class: "overview-words", role: "status" });
     const words = "which frames are shown";
@@ -48,17 +44,14 @@ export class OverviewBar {
     );
   }
 
-  /** Choose the next filter of the list. */
   nextFilter() {
     const { filter } = this;
     filter.selectedIndex = (filter.selectedIndex + 1) % filter.options.length;
     setSetting("filter", filter.value);
   }
 
-  /** Say what is shown (`range`: which frames) and what the buttons would do.
-   * @param {string} range @param {Tally} tally
-   */
-  show(range, { strong, weak, open, waiting }) {
+  /** Say what is shown (`range`: which frames) and what the buttons would do. */
+  show(/** @type {string} */ range, /** @type {Tally} */ { strong, weak, open, waiting }) {
     this.range.textContent = range;
     const all = strong + weak;
     const shown = "of the frames shown";
@@ -80,8 +73,7 @@ export class OverviewBar {
   }
 }
 
-/** @param {number} waiting @param {string} said */
-function advice(waiting, said) {
+function advice(/** @type {number} */ waiting, /** @type {string} */ said) {
   if (mission.blind) {
     const listed = blindFrames().length > 0;
     const only = listed ? ` Only the frames that ${setting("blindOf")} labelled.` : "";

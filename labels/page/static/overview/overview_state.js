@@ -1,6 +1,6 @@
 // The state of the overview: what is on the page, and what outlasts it.
 
-/** @import { OverviewState, Parts, Sheet } from "../types.js" */
+/** @import { OverviewState, Sheet } from "../types.js" */
 
 /** The view's state; all of it. @type {OverviewState} */
 export const view = { parts: null, page: null, last: null, painted: null, clicks: [] };
@@ -17,8 +17,8 @@ export function page() {
   return view.page;
 }
 
-/** A page from a frame on, with nothing on it yet. @param {string} camera @param {number} first */
-export function newPage(camera, first) {
+/** A page from a frame on, with nothing on it yet. */
+export function newPage(/** @type {string} */ camera, /** @type {number} */ first) {
   /** @type {Sheet} */
   const made = {
     camera, first, asked: null, excluded: new Set(), thumbs: [], count: 0, width: 0, focus: 0,

@@ -20,6 +20,7 @@ import { OverviewBar } from "./overview_bar.js";
 import { newPage, page, parts, view } from "./overview_state.js";
 import { Thumb, contentOf } from "./thumb.js";
 import { paintOver } from "./thumb_painting.js";
+/** @import { Cells, KeyEntry, LabelledPatch, Tally, ThumbContent } from "../types.js" */
 
 const GAP = 6;
 const CAPTION = 20;
@@ -32,10 +33,7 @@ const MIN_HEIGHT = 40;
 // So much of a row may be missing: pictures a little smaller are better than an empty strip.
 const SQUEEZED = 0.2;
 
-/** @import { Cells, KeyEntry, LabelledPatch, Tally, ThumbContent } from "../types.js" */
-
-/** @param {HTMLElement} root @param {string[]} parts */
-async function show(root, [camera, first]) {
+async function show(/** @type {HTMLElement} */ root, /** @type {string[]} */ [camera, first]) {
   const known = camera in mission.cameras ? camera : Object.keys(mission.cameras)[0];
   const wanted = newPage(known, Number(first) || frames(known)[0]);
   if (view.parts && view.page?.camera === known) {
@@ -94,8 +92,8 @@ function build() {
 
 // ---- Which frames
 
-/** Blind, and asked to label what somebody labelled: only those frames. @param {number} frame */
-function keeps(frame) {
+/** Blind, and asked to label what somebody labelled: only those frames. */
+function keeps(/** @type {number} */ frame) {
   const { camera, asked, passes } = page();
   return passesBlindList(camera, frame) && (frame === asked || passes(camera, frame));
 }
@@ -124,9 +122,8 @@ function size() {
   return { count: rows * columns(), width, height };
 }
 
-/** The first `count` frames from index `from` on that are shown.
- * @param {number[]} list @param {number} from @param {number} count
- */
+// The first `count` frames from index `from` on that are shown.
+/** @param {number[]} list @param {number} from @param {number} count */
 function framesFrom(list, from, count) {
   const found = [];
   for (let at = from; at < list.length && found.length < count; at += 1) {
@@ -135,9 +132,8 @@ function framesFrom(list, from, count) {
   return found;
 }
 
-/** The last `count` frames before index `until` that are shown, ascending.
- * @param {number[]} list @param {number} until @param {number} count
- */
+// The last `count` frames before index `until` that are shown, ascending.
+/** @param {number[]} list @param {number} until @param {number} count */
 function framesBefore(list, until, count) {
   return framesFrom(list.slice(0, until).reverse(), 0, count).reverse();
 }
@@ -166,8 +162,8 @@ function layOut() {
   prefetch(camera, needed(shown)).then(readAhead);
 }
 
-/** These frames, and those before them that their suggestions depend on. @param {number[]} shown */
-function needed(shown) {
+/** These frames, and those before them that their suggestions depend on. */
+function needed(/** @type {number[]} */ shown) {
   const before = shown.flatMap((frame) => framesFollowed(page().camera, frame));
   return [...new Set([...before.slice(0, MAX_BEFORE), ...shown])];
 }
@@ -216,8 +212,7 @@ function draw() {
 
 const drawSoon = soon(draw);
 
-/** @param {Thumb} thumb */
-function drawThumb(thumb) {
+function drawThumb(/** @type {Thumb} */ thumb) {
   const { stroke, excluded, cell } = page();
   const focus = thumb === focused();
   const cells = stroke?.cells.get(thumb);
@@ -240,10 +235,8 @@ function showWords() {
   parts().bar.show(range, tally((thumb) => thumb.content));
 }
 
-/** Patches of the frames that Enter works on, by what would happen to them.
- * @param {(thumb: Thumb) => ?ThumbContent} contentFor
- */
-function tally(contentFor) {
+/** Patches of the frames that Enter works on, by what would happen to them. */
+function tally(/** @type {(thumb: Thumb) => ?ThumbContent} */ contentFor) {
   /** @type {Tally} */
   const sum = { strong: 0, weak: 0, open: 0, waiting: 0 };
   for (const thumb of worked()) {
@@ -262,8 +255,7 @@ function worked() {
 
 // ---- What a person does
 
-/** @param {boolean} all */
-function accepting(all) {
+function accepting(/** @type {boolean} */ all) {
   if (page().thumbs.length === 0) return;
   const { waiting, open } = tally(({ camera, frame }) => contentOf(camera, frame));
   if (waiting > 0) return sayWaiting(waiting);
@@ -277,8 +269,7 @@ function accepting(all) {
   goOn(count > 0 ? `${patchesAre(count)} accepted; Ctrl+Z undoes.` : "Nothing to accept here.");
 }
 
-/** @param {number} count */
-function sayWaiting(count) {
+function sayWaiting(/** @type {number} */ count) {
   say(`${count} of the frames shown are still being loaded.`, { bad: true });
 }
 
@@ -306,15 +297,13 @@ function restOfAll() {
   goOn(words || "All labelled.");
 }
 
-/** @param {string} words */
-function goOn(words) {
+function goOn(/** @type {string} */ words) {
   const more = nextFrames().length > 0;
   say(more ? words : `${words} This is the last page.`);
   if (more) turn(1);
 }
 
-/** @param {number} step */
-function turn(step) {
+function turn(/** @type {number} */ step) {
   const { camera, first, count } = page();
   const before = () => framesBefore(frames(camera), indexFrom(camera, first), count);
   const [found] = step > 0 ? nextFrames() : before();
@@ -322,8 +311,7 @@ function turn(step) {
   else go(`#/overview/${camera}/${found}`);
 }
 
-/** @param {number} step */
-function resize(step) {
+function resize(/** @type {number} */ step) {
   setSetting("overviewColumns", Math.max(COLUMNS.least, Math.min(COLUMNS.most, columns() - step)));
 }
 
@@ -333,8 +321,7 @@ function otherCamera() {
   go(`#/overview/${next}/${page().first}`);
 }
 
-/** @param {Thumb | undefined} thumb */
-function exclude(thumb) {
+function exclude(/** @type {Thumb | undefined} */ thumb) {
   if (!thumb) return;
   if (!page().excluded.delete(thumb.frame)) page().excluded.add(thumb.frame);
   draw();
@@ -344,28 +331,24 @@ function focused() {
   return view.page?.thumbs.at(page().focus);
 }
 
-/** @param {Thumb | undefined} thumb */
-function open(thumb) {
+function open(/** @type {Thumb | undefined} */ thumb) {
   if (thumb) go(`#/label/${thumb.camera}/${thumb.frame}`);
 }
 
-/** @param {KeyboardEvent} event */
-function moveFrame(event) {
+function moveFrame(/** @type {KeyboardEvent} */ event) {
   const [down, right] = ARROWS[event.key];
   const next = page().focus + down * columns() + right;
   if (next in page().thumbs) focusOn(next);
 }
 
-/** @param {number} index */
-function focusOn(index) {
+function focusOn(/** @type {number} */ index) {
   page().focus = index;
   noteAddress(addressOf());
   draw();
   focused()?.element.scrollIntoView({ block: "nearest" });
 }
 
-/** @param {KeyboardEvent} event */
-function moveCell(event) {
+function moveCell(/** @type {KeyboardEvent} */ event) {
   const { rows, cols } = mission.grid;
   const middle = cellAt(Math.floor(rows / 2), Math.floor(cols / 2));
   const { cell } = page();
@@ -381,28 +364,23 @@ function paintCell() {
 
 // ---- Painting with the mouse
 
-/** @param {number} x @param {number} y */
-function thumbAt(x, y) {
+function thumbAt(/** @type {number} */ x, /** @type {number} */ y) {
   const picture = document.elementFromPoint(x, y)?.closest(".thumb-picture");
   return page().thumbs.find((thumb) => thumb.seen && thumb.picture === picture) ?? null;
 }
 
-/** @param {Thumb} start */
-function allThumbs(start) {
+function allThumbs(/** @type {Thumb} */ start) {
   return page().thumbs.filter(
     (thumb) => thumb === start || (thumb.seen && !page().excluded.has(thumb.frame)),
   );
 }
 
-/** A class that nobody chose is not painted with: the first one means that the way is clear.
- * @param {number} mouseButton
- */
-function labelOf(mouseButton) {
+/** A class that nobody chose is not painted with: the first one means that the way is clear. */
+function labelOf(/** @type {number} */ mouseButton) {
   return mouseButton === 2 ? UNSURE : chosenClass();
 }
 
-/** @param {?Cells} cells @param {number} mouseButton */
-function onStroke(cells, mouseButton) {
+function onStroke(/** @type {?Cells} */ cells, /** @type {number} */ mouseButton) {
   if (!view.page) return;
   const label = labelOf(mouseButton);
   page().stroke = cells && label ? { cells, label } : null;
@@ -446,8 +424,7 @@ function onPainted(cells, mouseButton, own = cells) {
   drawSoon();
 }
 
-/** @param {MouseEvent} event */
-function clicked(event) {
+function clicked(/** @type {MouseEvent} */ event) {
   view.clicks = [...(event.detail > 1 ? view.clicks : []), view.painted];
   const thumb = page().thumbs.find(({ element }) => element.contains(targetOf(event)));
   if (!thumb) return;
@@ -460,7 +437,7 @@ function clicked(event) {
   open(thumb);
 }
 
-/** @param {string[]} keys @param {string} does @param {KeyEntry["run"]} [run] */
+/** @type {(keys: string[], does: string, run?: KeyEntry["run"]) => KeyEntry} */
 const row = (keys, does, run) => ({ keys, does, run });
 /** @param {() => void} run @returns {KeyEntry["run"]} */
 const once = (run) => (event) => event.repeat || run();

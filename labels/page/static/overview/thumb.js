@@ -10,13 +10,10 @@ import { cellAt, patchSize, rowCol } from "../core/patch_grid.js";
 import { suggestionFault } from "../labelling/suggest.js";
 import { STATES } from "../labelling/frame_states.js";
 import { labelsOf } from "../saving/labels.js";
+/** @import { ShownCell, ThumbContent, ThumbHost, ThumbMarks } from "../types.js" */
 
-/** @import { ShownCell, ThumbContent } from "../types.js" */
-
-/** What a frame shows and what of it waits for a decision; null while it is not loaded.
- * @param {string} camera @param {number} frame @returns {?ThumbContent}
- */
-export function contentOf(camera, frame) {
+/** What a frame shows; null while it is not loaded. @returns {?ThumbContent} */
+export function contentOf(/** @type {string} */ camera, /** @type {number} */ frame) {
   const labels = labelsOf(camera, frame);
   if (!labels) return null;
   const waits = suggesting() && labels.suggestions === null;
@@ -30,12 +27,8 @@ export function suggesting() {
   return Boolean(mission.model) && !mission.blind && setting("suggestions");
 }
 
-/** A thumbnail. */
 export class Thumb {
-  /** `onShape`: the picture has another shape than was believed; `onPicture`: it is there, or not.
-   * @param {string} camera @param {number} frame
-   * @param {{onShape: () => void, onPicture: () => void}} told
-   */
+  /** @param {string} camera @param {number} frame @param {ThumbHost} told */
   constructor(camera, frame, { onShape, onPicture }) {
     this.camera = camera;
     this.frame = frame;
@@ -71,10 +64,8 @@ export class Thumb {
     });
   }
 
-  /** Take a place and a size in CSS pixels; a picture that is there stays until a better one is.
-   * @param {string} id @param {number} width @param {number} height
-   */
-  place(id, width, height) {
+  /** Take a place and a size in CSS pixels; a picture that is there stays until a better one is. */
+  place(/** @type {string} */ id, /** @type {number} */ width, /** @type {number} */ height) {
     this.element.id = id;
     this.size = { width, height };
     this.element.style.width = `${width}px`;
@@ -82,20 +73,15 @@ export class Thumb {
     setAttribute(this.image, "src", thumbAddress(this.camera, this.frame, width));
   }
 
-  /** The cell under a point of the window; -1 if it is not over the picture.
-   * @param {number} x @param {number} y
-   */
-  cellAt(x, y) {
+  /** The cell under a point of the window; -1 if it is not over the picture. */
+  cellAt(/** @type {number} */ x, /** @type {number} */ y) {
     const box = this.canvas.getBoundingClientRect();
     const { width, height } = patchSize(box.width, box.height);
     return cellAt(Math.floor((y - box.top) / height), Math.floor((x - box.left) / width));
   }
 
-  /** Draw labels and suggestions, and say the state.
-   * @param {{excluded: boolean, painted: ?Map<number, string>, cursor: ?number}} marks
-   *   `painted`: cells of a stroke that goes on; `cursor`: cell of the keyboard's cursor.
-   */
-  draw({ excluded, painted, cursor }) {
+  /** Draw labels and suggestions, and say the state. */
+  draw(/** @type {ThumbMarks} */ { excluded, painted, cursor }) {
     const content = contentOf(this.camera, this.frame);
     this.content = content;
     this.element.classList.toggle("left-out", excluded);
@@ -104,10 +90,8 @@ export class Thumb {
     this.#say(content, excluded);
   }
 
-  /** Drawing takes much longer than finding out that nothing is to be drawn.
-   * @param {(?ShownCell)[]} cells @param {?number} cursor
-   */
-  #drawOnce(cells, cursor) {
+  /** Drawing takes much longer than finding out that nothing is to be drawn. */
+  #drawOnce(/** @type {(?ShownCell)[]} */ cells, /** @type {?number} */ cursor) {
     const drawn = JSON.stringify([setting("tint"), this.size, cursor, cells]);
     if (drawn === this.drawn) return;
     this.drawn = drawn;
@@ -118,8 +102,7 @@ export class Thumb {
     const ctx = contextOf(this.canvas);
     ctx.scale(scale, scale);
     const patch = patchSize(width, height);
-    /** @param {number} index */
-    const boxOf = (index) => {
+    const boxOf = (/** @type {number} */ index) => {
       const [row, col] = rowCol(index);
       return { x: col * patch.width, y: row * patch.height, ...patch };
     };
@@ -127,8 +110,7 @@ export class Thumb {
     drawCursor({ ctx, boxOf }, cursor, []);
   }
 
-  /** @param {?ThumbContent} content @param {boolean} excluded */
-  #say(content, excluded) {
+  #say(/** @type {?ThumbContent} */ content, /** @type {boolean} */ excluded) {
     const state = STATES[stateOf(this.camera, this.frame)]?.words ?? "";
     const shown = excluded ? "left out" : content ? content.fault || state : "loading";
     const words = content?.noted ? `${shown}, note` : shown;
@@ -145,7 +127,6 @@ export class Thumb {
 
 /** @param {ThumbContent} content @param {?Map<number, string>} painted */
 function shownCells({ mine, hints }, painted) {
-  /** @param {number} cell */
-  const labelOf = (cell) => painted?.get(cell) ?? mine[cell];
+  const labelOf = (/** @type {number} */ cell) => painted?.get(cell) ?? mine[cell];
   return mine.map((_, cell) => shownCell(labelOf(cell), hints[cell]));
 }

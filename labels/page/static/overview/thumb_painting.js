@@ -2,16 +2,12 @@
 // or the same patches in all frames shown.
 
 import { cellsBetween } from "../core/patch_grid.js";
+/** @import { Cells, Point, StrokeHost, Thumb } from "../types.js" */
 
 const STEP = 4; // CSS pixels between two looks at what a stroke passes
 
-/** @import { Cells, Point, StrokeHost } from "../types.js" */
-/** @import { Thumb } from "./thumb.js" */
-
-/** Let strokes be painted over the thumbnails in an element.
- * @param {HTMLElement} element @param {StrokeHost} host
- */
-export function paintOver(element, host) {
+/** Let strokes be painted over the thumbnails in an element. */
+export function paintOver(/** @type {HTMLElement} */ element, /** @type {StrokeHost} */ host) {
   element.addEventListener("contextmenu", (event) => event.preventDefault());
   element.addEventListener("pointerdown", (event) => {
     const thumb = host.thumbAt(event.clientX, event.clientY);
@@ -45,15 +41,13 @@ class Stroke {
     window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
   }
 
-  /** @param {KeyboardEvent} event */
-  #key(event) {
+  #key(/** @type {KeyboardEvent} */ event) {
     if (event.key !== "Escape") return;
     event.stopPropagation();
     this.#end(false);
   }
 
-  /** @param {PointerEvent} event */
-  #add(event) {
+  #add(/** @type {PointerEvent} */ event) {
     const to = { x: event.clientX, y: event.clientY };
     if (event.shiftKey) this.#rectangle(to);
     else this.#line(to);
@@ -62,8 +56,7 @@ class Stroke {
     this.host.onStroke(this.painted, this.button);
   }
 
-  /** @param {Point} to */
-  #line(to) {
+  #line(/** @type {Point} */ to) {
     const length = Math.hypot(to.x - this.last.x, to.y - this.last.y);
     const steps = Math.max(1, Math.ceil(length / STEP));
     for (let step = 0; step <= steps; step += 1) {
@@ -75,14 +68,12 @@ class Stroke {
     }
   }
 
-  /** @param {Point} to */
-  #rectangle(to) {
+  #rectangle(/** @type {Point} */ to) {
     const last = this.thumb.cellAt(to.x, to.y);
     if (last >= 0) this.cells = new Map([[this.thumb, new Set(cellsBetween(this.first, last))]]);
   }
 
-  /** @param {Thumb} thumb */
-  #of(thumb) {
+  #of(/** @type {Thumb} */ thumb) {
     const cells = this.cells.get(thumb) ?? new Set();
     this.cells.set(thumb, cells);
     return cells;
@@ -93,8 +84,7 @@ class Stroke {
     return new Map(this.host.allThumbs(this.thumb).map((thumb) => [thumb, cells]));
   }
 
-  /** @param {boolean} done */
-  #end(done) {
+  #end(/** @type {boolean} */ done) {
     this.stop.abort();
     this.host.onStroke(null, this.button);
     if (done) this.host.onPainted(this.painted, this.button, this.cells);

@@ -4,14 +4,13 @@ import { get, onFailure } from "../core/api.js";
 import { signal } from "../core/dom.js";
 import { framesOf, frameKey, waitingFor } from "./outbox.js";
 import { mission, onChange, onReload, who } from "../core/mission.js";
+/** @import { ActionAnswer, Change, Entry, FrameLabels, Holds, KnownLabels } from "../types.js" */
+/** @import { OwnLabels, Place, ShownLabels, Signal } from "../types.js" */
 
 const MAX_A_REQUEST = 60;
 const KEPT = 400;
 
-/** @import { ActionAnswer, Batch, Change, Entry } from "../types.js" */
-/** @import { FrameLabels, KnownLabels, Place, ShownLabels, Signal } from "../types.js" */
-
-/** @type {KnownLabels} */
+/** What is known of frames, each by its key. @type {KnownLabels} */
 const known = {
   truths: new Map(),
   stale: new Map(),
@@ -21,17 +20,11 @@ const known = {
   modelDone: 0,
 };
 
-/** Be told of frames whose labels changed: `onLabels((camera, frame) => ...)` returns what stops
- * it; and tell it: `labelsChanged(camera, frame)`. Nulls: all frames.
- * @type {Signal<[camera: ?string, frame: ?number]>}
- */
+/** Frames whose labels changed; nulls: all. @type {Signal<[camera: ?string, frame: ?number]>} */
 export const [onLabels, labelsChanged] = signal();
 
-/** The labels of a frame as they shall be shown; null while they are not loaded.
- * @param {string} camera @param {number} frame
- * @returns {?ShownLabels}
- */
-export function labelsOf(camera, frame) {
+/** The labels of a frame as they shall be shown; null: not loaded. */
+export function labelsOf(/** @type {string} */ camera, /** @type {number} */ frame) {
   const key = frameKey(camera, frame);
   const truth = known.truths.get(key);
   if (!truth) return null;
@@ -52,14 +45,12 @@ export function labelsOf(camera, frame) {
   return shown;
 }
 
-/** What `applyChange` may change of labels. @param {FrameLabels} labels */
-function copied({ mine, settled, models }) {
+/** What `applyChange` may change of labels. */
+function copied(/** @type {FrameLabels} */ { mine, settled, models }) {
   return { mine: [...mine], settled: [...settled], models: { ...models } };
 }
 
-/** @param {Pick<FrameLabels, "mine" | "settled" | "models">} labels @param {Entry} entry
- * @param {Change} change @param {(cell: number) => boolean} holds
- */
+/** @param {OwnLabels} labels @param {Entry} entry @param {Change} change @param {Holds} holds */
 function applyChange(labels, entry, change, holds) {
   if (entry.who !== who()) return;
   for (const cell of change.cells) {
@@ -74,10 +65,8 @@ function applyChange(labels, entry, change, holds) {
   }
 }
 
-/** Load the labels of frames that are not there yet; done when they are (or could not be had).
- * @param {string} camera @param {number[]} frames
- */
-export function prefetch(camera, frames) {
+/** Load the labels of frames that are not there yet; done when they are (or could not be had). */
+export function prefetch(/** @type {string} */ camera, /** @type {number[]} */ frames) {
   const waits = frames.map((frame) => {
     const key = frameKey(camera, frame);
     if (known.truths.has(key) && !known.stale.has(key)) return null;
@@ -86,19 +75,17 @@ export function prefetch(camera, frames) {
   return Promise.all(waits);
 }
 
-/** Load the labels of the frames in which patches lie. @param {Place[]} patches */
-export function prefetchOf(patches) {
+/** Load the labels of the frames in which patches lie. */
+export function prefetchOf(/** @type {Place[]} */ patches) {
   for (const [camera, some] of Map.groupBy(patches, (patch) => patch.camera)) {
     prefetch(camera, [...new Set(some.map((patch) => patch.frame))]);
   }
 }
 
-/** Frames asked for in one turn of the event loop travel in one request.
- * @param {string} key @param {string} camera @param {number} frame @returns {Promise<unknown>}
- */
+// Frames asked for in one turn of the event loop travel in one request.
+/** @param {string} key @param {string} camera @param {number} frame */
 function want(key, camera, frame) {
   if (!known.wanted.size) queueMicrotask(fetchWanted);
-  /** @type {Batch} */
   const batch = known.wanted.get(camera) ?? { frames: [], ...Promise.withResolvers() };
   batch.frames.push(frame);
   known.wanted.set(camera, batch);
@@ -118,8 +105,7 @@ function fetchWanted() {
   }
 }
 
-/** @param {string} camera @param {number[]} frames */
-async function fetchFrames(camera, frames) {
+async function fetchFrames(/** @type {string} */ camera, /** @type {number[]} */ frames) {
   const asked = known.generation;
   const request = get("/api/labels", {
     camera,
@@ -135,8 +121,7 @@ async function fetchFrames(camera, frames) {
   for (const labels of answer.frames) takeTruth(answer.event, labels);
 }
 
-/** @param {number} event @param {FrameLabels} labels */
-function takeTruth(event, labels) {
+function takeTruth(/** @type {number} */ event, /** @type {FrameLabels} */ labels) {
   const { camera, frame } = labels;
   const key = frameKey(camera, frame);
   const truth = known.truths.get(key);
@@ -156,10 +141,8 @@ function takeTruth(event, labels) {
   labelsChanged(camera, frame);
 }
 
-/** Take an acknowledged action into what the server said.
- * @param {Entry} entry @param {ActionAnswer} answer
- */
-export function acknowledge(entry, answer) {
+/** Take an acknowledged action into what the server said. */
+export function acknowledge(/** @type {Entry} */ entry, /** @type {ActionAnswer} */ answer) {
   const refused = new Map(
     (answer.conflicts ?? []).map((c) => [`${frameKey(c.camera, c.frame)}/${c.cell}`, c.theirs]),
   );
@@ -179,9 +162,8 @@ export function acknowledge(entry, answer) {
 
 /** Ask anew for frames, [camera, frame], that somebody else changed; those not in memory are asked
  * for when shown. Answers from before `event` do not do.
- * @param {[camera: string, frame: number][]} frames @param {number} [event]
  */
-export function labelsAreStale(frames, event = 0) {
+export function labelsAreStale(/** @type {[string, number][]} */ frames, event = 0) {
   const here = frames.filter(([camera, frame]) => {
     const key = frameKey(camera, frame);
     // What is on its way may have been read before.

@@ -6,21 +6,15 @@ import {
   beginAnew, loadMission, mission, onReload, strangerWords, takeNews,
 } from "../core/mission.js";
 import { allOwn, noteStranger, setConnected, takeEventHeads, whenIdle } from "./saver.js";
+/** @import { ChangeEvent, LiveState, MissionAnswer, StatusEvent } from "../types.js" */
 
 const RETRY_MS = [200, 400, 800, 1500];
 // A browser opens six connections to a server: hidden tabs give theirs back.
 const HIDDEN_MS = 5000;
 const ANSWER_MS = 300;
 
-/** @import { ChangeEvent, MissionAnswer, StatusEvent } from "../types.js" */
-
-const live = {
-  /** @type {?EventSource} */
-  source: null,
-  tries: 0,
-  timer: 0,
-  opened: false,
-};
+/** @type {LiveState} */
+const live = { source: null, tries: 0, timer: 0, opened: false };
 
 /** Begin to listen. The mission must be loaded. */
 export function startListening() {
@@ -60,8 +54,7 @@ function heard() {
   live.tries = 0;
   setConnected(true);
   // After a break the server may be another one: classes, model and faults may be new.
-  /** @param {MissionAnswer} answer */
-  const take = (answer) => noteStranger(strangerWords(answer));
+  const take = (/** @type {MissionAnswer} */ answer) => noteStranger(strangerWords(answer));
   // Where it is gone again already, the next event tells.
   if (live.opened) loadMission().then(take).catch(onFailure());
   live.opened = true;
@@ -74,15 +67,13 @@ function broken() {
   live.tries += 1;
 }
 
-/** @param {StatusEvent} news */
-function takeStatus(news) {
+function takeStatus(/** @type {StatusEvent} */ news) {
   if (news.blind === mission.blind) return void takeNews(news);
   // This person began or ended to label blind, in another tab or on another computer.
   beginAnew(news.blind).catch(onFailure()).finally(listenAnew);
 }
 
-/** @param {ChangeEvent} news */
-async function takeChange(news) {
+async function takeChange(/** @type {ChangeEvent} */ news) {
   // It may be about an action of ours whose answer comes in a moment.
   const from = live.source;
   await Promise.race([whenIdle(), new Promise((resolve) => setTimeout(resolve, ANSWER_MS))]);

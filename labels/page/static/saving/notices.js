@@ -8,10 +8,9 @@ import { closeConflicts, discard, onRefused, unwritten } from "./outbox.js";
 import {
   act, changesOf, onState, patchesAre, pending, sendAgain, state, stateReason,
 } from "./saver.js";
+/** @import { Entry, NotedConflict } from "../types.js" */
 
 const MAX_SHOWN = 30;
-
-/** @import { Entry, NotedConflict } from "../types.js" */
 
 const list = { shown: "", counted: 0 }; // what it says, and of how many actions
 
@@ -26,7 +25,7 @@ export function startNotices() {
 
 function show() {
   const { conflicts, aside, foreign } = unwritten();
-    const items = [
+  const items = [
     ...(trouble() ? [el("li", { text: trouble() })] : []),
     ...(conflicts.length > 1 ? [allConflictsItem(conflicts)] : []),
     ...someOf(conflicts, conflictItem, "conflicts"),
@@ -60,8 +59,7 @@ function openList() {
   return found?.open ? found : null;
 }
 
-/** @param {KeyboardEvent} event */
-function closeByKey(event) {
+function closeByKey(/** @type {KeyboardEvent} */ event) {
   const open = openList();
   if (event.key !== "Escape" || !open || document.querySelector("dialog[open]")) return;
   event.preventDefault();
@@ -96,23 +94,19 @@ function trouble() {
   return `${start}: ${stateReason()}; ${kept}.`;
 }
 
-/** @param {?string} label */
-function said(label) {
+function said(/** @type {?string} */ label) {
   return label === null ? "no label" : `“${label}”`;
 }
 
-/** One action, which one undo takes back: settlements are another one than labels.
- * @param {NotedConflict[]} conflicts
- */
-function useMine(conflicts) {
+/** One action, which one undo takes back: settlements are another one than labels. */
+function useMine(/** @type {NotedConflict[]} */ conflicts) {
   for (const [source, some] of Map.groupBy(conflicts, (one) => one.source)) {
     const patches = some.map((one) => ({ ...one, label: one.yours, base: one.theirs }));
     if (act("resolve", changesOf(patches), { source })) closeConflicts(some);
   }
 }
 
-/** @param {NotedConflict[]} conflicts */
-function allConflictsItem(conflicts) {
+function allConflictsItem(/** @type {NotedConflict[]} */ conflicts) {
   const count = conflicts.length;
   return el("li", {},
     `${count} patches: something else was said meanwhile. `,
@@ -121,8 +115,7 @@ function allConflictsItem(conflicts) {
   );
 }
 
-/** @param {NotedConflict} conflict */
-function conflictItem(conflict) {
+function conflictItem(/** @type {NotedConflict} */ conflict) {
   const { camera, frame, cell, theirs, yours } = conflict;
   const where = `${cellName(cell)} of ${camera} frame ${frame}`;
   return el("li", { class: "conflict" },
@@ -134,15 +127,13 @@ function conflictItem(conflict) {
   );
 }
 
-/** @param {Entry} entry */
-function describe({ kind, changes }) {
+function describe(/** @type {Entry} */ { kind, changes }) {
   const count = changes.reduce((sum, { cells }) => sum + cells.length, 0);
   const where = changes.length ? ` on ${changes[0].camera} frame ${changes[0].frame}` : "";
   return `${kind} (${count} ${count === 1 ? "patch" : "patches"}${where})`;
 }
 
-/** @param {Entry} entry */
-function refusedItem(entry) {
+function refusedItem(/** @type {Entry} */ entry) {
   return el("li", { class: "bad" },
     `The server refused ${describe(entry)}: ${entry.refusal} `,
     button("Try again", () => sendAgain(entry)),
@@ -151,8 +142,7 @@ function refusedItem(entry) {
   );
 }
 
-/** @param {Entry[]} foreign */
-function foreignItems(foreign) {
+function foreignItems(/** @type {Entry[]} */ foreign) {
   const groups = Map.groupBy(foreign, ({ who, mission }) => `${who} on mission ${mission}`);
   return [...groups].map(([name, entries]) =>
     el("li", {},
@@ -163,8 +153,7 @@ function foreignItems(foreign) {
   );
 }
 
-/** @param {Entry[]} entries */
-function saveFile(entries) {
+function saveFile(/** @type {Entry[]} */ entries) {
   const text = JSON.stringify(entries, null, 1);
   const url = URL.createObjectURL(new Blob([text], { type: "application/json" }));
   el("a", { href: url, download: "tokt-unsaved-actions.json" }).click();

@@ -8,6 +8,8 @@
 
 import { signal } from "../core/dom.js";
 import { names, read, remove, write } from "../core/settings.js";
+/** @import { Entry, NotedConflict, Refused, Signal, Unwritten } from "../types.js" */
+/** @import { WaitingEntries } from "../types.js" */
 
 const PREFIX = "tokt.action/";
 const CONFLICT = "tokt.conflict/";
@@ -17,35 +19,29 @@ const BEAT_MS = 5000;
 // Without the locks of a secure page: background tabs' timers run once a minute at worst.
 const SILENT_MS = 150000;
 
-/** @import { Entry, NotedConflict, Refused, Signal } from "../types.js" */
-/** @import { Unwritten, WaitingEntries } from "../types.js" */
-
 /** @type {WaitingEntries} */
 const outbox = { queue: [], byFrame: new Map(), page: uniqueKey(), count: 0 };
 
 /** @type {Unwritten} */
 const refused = { aside: [], foreign: [], conflicts: [] };
 
-/** The key of a frame in maps. @param {string} camera @param {number} frame */
-export function frameKey(camera, frame) {
+export function frameKey(/** @type {string} */ camera, /** @type {number} */ frame) {
   return `${camera}/${frame}`;
 }
 
-/** All entries that wait, first to be sent first. @returns {Entry[]} */
+/** All entries that wait, first to be sent first. */
 export function waiting() {
   return outbox.queue;
 }
 
 /** Add an entry at the end, or first. @param {Entry} entry @param {{first?: boolean}} [options] */
 export function enqueue(entry, { first = false } = {}) {
-  /** @param {Entry[]} list */
-  const add = (list) => (first ? [entry, ...list] : [...list, entry]);
+  const add = (/** @type {Entry[]} */ list) => (first ? [entry, ...list] : [...list, entry]);
   outbox.queue = add(outbox.queue);
   for (const key of touched(entry)) outbox.byFrame.set(key, add(outbox.byFrame.get(key) ?? []));
 }
 
-/** Take an entry out. @param {Entry} entry */
-export function dequeue(entry) {
+export function dequeue(/** @type {Entry} */ entry) {
   outbox.queue = outbox.queue.filter((other) => other !== entry);
   for (const key of touched(entry)) {
     const rest = (outbox.byFrame.get(key) ?? []).filter((other) => other !== entry);
@@ -54,15 +50,13 @@ export function dequeue(entry) {
   }
 }
 
-/** The waiting entries that change a frame. @param {string} camera @param {number} frame */
-export function waitingFor(camera, frame) {
+/** The waiting entries that change a frame. */
+export function waitingFor(/** @type {string} */ camera, /** @type {number} */ frame) {
   return outbox.byFrame.get(frameKey(camera, frame)) ?? [];
 }
 
-/** The frames that an entry changes, [camera, frame], each once.
- * @param {Entry} entry @returns {[camera: string, frame: number][]}
- */
-export function framesOf(entry) {
+/** The frames that an entry changes, each once. */
+export function framesOf(/** @type {Entry} */ entry) {
   /** @type {Map<string, [camera: string, frame: number]>} */
   const found = new Map();
   for (const { camera, frame } of entry.changes) {
@@ -71,8 +65,7 @@ export function framesOf(entry) {
   return [...found.values()];
 }
 
-/** @param {Entry} entry */
-function touched(entry) {
+function touched(/** @type {Entry} */ entry) {
   return framesOf(entry).map(([camera, frame]) => frameKey(camera, frame));
 }
 
@@ -93,21 +86,18 @@ export function holdPage() {
   setInterval(beat, BEAT_MS);
 }
 
-/** Keep an entry, whose `stored` becomes its name in the storage; whether that worked.
- * @param {Entry} entry
- */
-export function keep(entry) {
+/** Keep an entry, whose `stored` becomes its name in the storage; whether that worked. */
+export function keep(/** @type {Entry} */ entry) {
   entry.stored ??= `${PREFIX}${outbox.page}/${String(outbox.count++).padStart(9, "0")}`;
   return write(entry.stored, entry);
 }
 
-/** Forget an entry. @param {Entry} entry */
-export function forget(entry) {
+export function forget(/** @type {Entry} */ entry) {
   if (entry.stored) remove(entry.stored);
 }
 
-/** Whether an entry is still there: nobody sent it or threw it away. @param {Entry} entry */
-export function isKept(entry) {
+/** Whether an entry is still there: nobody sent it or threw it away. */
+export function isKept(/** @type {Entry} */ entry) {
   return read(entry.stored ?? "") !== null;
 }
 
@@ -128,8 +118,7 @@ export async function leftovers() {
   return found.sort((a, b) => a.time.localeCompare(b.time));
 }
 
-/** @param {string} other */
-async function isGone(other) {
+async function isGone(/** @type {string} */ other) {
   if (navigator.locks) {
     return navigator.locks.request(LOCK + other, { ifAvailable: true }, (lock) => lock !== null);
   }
@@ -144,44 +133,39 @@ async function isGone(other) {
 /** @type {Signal<[]>} Be told that one of the lists changed. */
 export const [onRefused, refusedChanged] = signal();
 
-/** The lists of what was not written. */
 export function unwritten() {
   return refused;
 }
 
-/** Set an entry refused.aside that the server will never take, and why, in its words.
- * @param {Entry} entry @param {?string} refusal
- */
-export function setAside(entry, refusal) {
+/** Set an entry aside that the server will never take, and why, in its words. */
+export function setAside(/** @type {Entry} */ entry, /** @type {?string} */ refusal) {
   entry.refusal = refusal;
   if (entry.stored) keep(entry);
   refused.aside.push(entry);
   refusedChanged();
 }
 
-/** Take a refused entry out of the list, to send it again. @param {Entry} entry */
-export function takeBack(entry) {
+/** Take a refused entry out of the list, to send it again. */
+export function takeBack(/** @type {Entry} */ entry) {
   refused.aside.splice(refused.aside.indexOf(entry), 1);
   refusedChanged();
 }
 
-/** Throw a refused entry away; only when a person says so. @param {Entry} entry */
-export function discard(entry) {
+/** Throw a refused entry away; only when a person says so. */
+export function discard(/** @type {Entry} */ entry) {
   forget(entry);
   takeBack(entry);
 }
 
-/** Name the entries that are not this page's to send. @param {Entry[]} entries */
-export function setForeign(entries) {
+/** Name the entries that are not this page's to send. */
+export function setForeign(/** @type {Entry[]} */ entries) {
   if (!entries.length && !refused.foreign.length) return;
   refused.foreign = entries;
   refusedChanged();
 }
 
-/** Note patches of an entry that were not written: somebody said something else meanwhile.
- * @param {Entry} entry @param {Refused[]} refusedCells
- */
-export function noteConflicts(entry, refusedCells) {
+/** Note patches of an entry that were not written: somebody said something else meanwhile. */
+export function noteConflicts(/** @type {Entry} */ entry, /** @type {Refused[]} */ refusedCells) {
   const { who, mission, source } = entry;
   for (const conflict of refusedCells) {
     /** @type {NotedConflict} */
@@ -193,28 +177,25 @@ export function noteConflicts(entry, refusedCells) {
   refusedChanged();
 }
 
-/** Of two things said of a patch and not written only the newer one is still meant.
- * @param {NotedConflict} one @param {NotedConflict} other
- */
-function isOfOnePatch(one, other) {
+/** Of two things said of a patch and not written only the newer one is still meant. */
+function isOfOnePatch(/** @type {NotedConflict} */ one, /** @type {NotedConflict} */ other) {
   const parts = /** @type {const} */ (["camera", "frame", "cell", "who", "mission", "source"]);
   return parts.every((part) => one[part] === other[part]);
 }
 
-/** Forget refused.conflicts that were decided. @param {NotedConflict[]} decided */
-export function closeConflicts(decided) {
+/** Forget conflicts that were decided. */
+export function closeConflicts(/** @type {NotedConflict[]} */ decided) {
   decided.forEach(drop);
   refusedChanged();
 }
 
-/** @param {NotedConflict} conflict */
-function drop(conflict) {
+function drop(/** @type {NotedConflict} */ conflict) {
   remove(conflict.stored);
   refused.conflicts = refused.conflicts.filter((other) => other !== conflict);
 }
 
-/** Read the conflicts that this person left open. @param {string} mission @param {string} who */
-export function readConflicts(mission, who) {
+/** Read the conflicts that this person left open. */
+export function readConflicts(/** @type {string} */ mission, /** @type {string} */ who) {
   const kept = names(CONFLICT).map((name) => ({ ...read(name), kept: true }));
   // Those that the browser could not keep are only here.
   refused.conflicts = [...refused.conflicts.filter((noted) => !noted.kept), ...kept].filter(

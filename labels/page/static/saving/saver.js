@@ -11,6 +11,9 @@ import {
   dequeue, enqueue, forget, framesOf, holdPage, isKept, keep, leftovers, noteConflicts,
   readConflicts, setAside, setForeign, takeBack, uniqueKey, unwritten, waiting,
 } from "./outbox.js";
+/** @import { ActOptions, ActionAnswer, Change, Entry, Head, Heads } from "../types.js" */
+/** @import { KnownHistory, LabelledPatch, News, SaveState, SaverState } from "../types.js" */
+/** @import { Signal, Wanted } from "../types.js" */
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000];
 const LOOK_FOR_LEFTOVERS_MS = 5000;
@@ -22,9 +25,6 @@ const KEPT_RANGES = 500;
 /** Kind of an action that counts also where its label holds already: somebody looked. */
 export const CONFIRM = "confirm";
 const HOLD_MS = 600; // longer than the second click of a double click takes
-
-/** @import { ActionAnswer, Change, Entry, Head, Heads, KnownHistory } from "../types.js" */
-/** @import { LabelledPatch, News, SaverState, SaveState, Signal, Wanted } from "../types.js" */
 
 /** @type {SaverState} */
 const saver = {
@@ -46,10 +46,7 @@ const history = { undoable: [], redoable: [], known: new Map(), steps: Promise.r
 /** @type {Signal<[]>} Be told when `state()` or `pending()` may have changed. */
 export const [onState, stateChanged] = signal();
 
-/** How it stands; "saved" only when the server acknowledged all actions of this page and can take
- * further ones.
- * @returns {SaveState}
- */
+/** "saved" only where all is acknowledged and the server takes more. @returns {SaveState} */
 export function state() {
   if (saver.trouble) return saver.trouble.state;
   if (!saver.connected) return "offline";
@@ -57,8 +54,8 @@ export function state() {
   return waiting().length ? "saving" : "saved";
 }
 
-/** Whether actions cannot be sent in such a state. @param {SaveState | undefined} saved */
-export function isAway(saved) {
+/** Whether actions cannot be sent in such a state. */
+export function isAway(/** @type {SaveState | undefined} */ saved) {
   return saved === "offline" || saved === "refused";
 }
 
@@ -73,7 +70,6 @@ export function pending() {
   return waiting().length;
 }
 
-/** Wait until nothing waits any more. */
 export function whenIdle() {
   if (!waiting().length) return Promise.resolve();
   const { promise, resolve } = Promise.withResolvers();
@@ -81,12 +77,9 @@ export function whenIdle() {
   return promise;
 }
 
-/** Do something to labels.
- * @param {string} kind What the person did, for messages.
- * @param {Wanted[]} changes Labels of the frames must be loaded where `base` is missing.
- * @param {{source?: string, hold?: boolean}} [options] `hold`: not sent for a moment, for
- *   `withdraw`. The kind "confirm" also says what holds already.
- * @returns {?string} The action's key; null if it would change nothing or could not be kept.
+/** Do something to labels; gives the action's key, null if it would change nothing or could not be
+ * kept. Labels of the frames must be loaded where a change has no `base`.
+ * @param {string} kind @param {Wanted[]} changes @param {ActOptions} [options]
  */
 export function act(kind, changes, { source = "human", hold = false } = {}) {
   const based = changes.map((change) => withBase(change, source, kind === CONFIRM));
@@ -107,13 +100,12 @@ export function act(kind, changes, { source = "human", hold = false } = {}) {
   return entry.key;
 }
 
-/** @param {string} key */
-function release(key) {
+function release(/** @type {string} */ key) {
   if (saver.held.delete(key)) pump();
 }
 
-/** Take back an action that was meant otherwise, if it is not sent yet. @param {string} key */
-export function withdraw(key) {
+/** Take an action back that was meant otherwise: as if it had never been, if not sent yet. */
+export function withdraw(/** @type {string} */ key) {
   const entry = waiting().find((one) => one.key === key);
   if (!entry || !saver.held.delete(key)) {
     if (history.undoable.at(-1)?.key === key) undo();
@@ -127,15 +119,13 @@ export function withdraw(key) {
   refreshHeads(); // what could be done again still can
 }
 
-/** "23 patches are", "1 patch is" @param {number} count */
-export function patchesAre(count) {
+/** "23 patches are", "1 patch is" */
+export function patchesAre(/** @type {number} */ count) {
   return count === 1 ? "1 patch is" : `${count.toLocaleString("en")} patches are`;
 }
 
-/** `LabelledPatch`es as the changes that `act` takes: one for each frame and label.
- * @param {LabelledPatch[]} patches
- */
-export function changesOf(patches) {
+/** `LabelledPatch`es as the changes that `act` takes: one for each frame and label. */
+export function changesOf(/** @type {LabelledPatch[]} */ patches) {
   const groups = Map.groupBy(patches, ({ camera, frame, label, model }) =>
     JSON.stringify([camera, frame, label, model ?? null]),
   );
@@ -146,9 +136,8 @@ export function changesOf(patches) {
   });
 }
 
-/** Give `LabelledPatch`es their labels, as one action that one undo takes back; how many change.
- * @param {string} kind @param {LabelledPatch[]} patches
- * @param {{source?: string, hold?: boolean}} [options]
+/** Give patches their labels, as one action that one undo takes back; how many change.
+ * @param {string} kind @param {LabelledPatch[]} patches @param {ActOptions} [options]
  */
 export function actOn(kind, patches, options = {}) {
   const again = kind === CONFIRM;
@@ -185,11 +174,8 @@ function newEntry(parts) {
   };
 }
 
-/** Kept in the browser first, so that what is shown survives a crash of the page; then on its way,
- * before the page is busy with drawing.
- * @param {Entry} entry
- */
-function take(entry) {
+/** Kept in the browser first, to outlast a crash; on its way before anything is drawn. */
+function take(/** @type {Entry} */ entry) {
   if (!keep(entry)) {
     entry.stored = null;
     if (saver.trouble || !saver.connected) {
@@ -206,15 +192,14 @@ function take(entry) {
   return true;
 }
 
-/** @param {Entry} entry */
-function showFrames(entry) {
+function showFrames(/** @type {Entry} */ entry) {
   for (const [camera, frame] of framesOf(entry)) labelsChanged(camera, frame);
 }
 
 // ---- Undo: the server's history, ahead of its acknowledgements
 
-/** Held against what the server says; only while nothing waits to be sent. @param {Heads} heads */
-function takeHeads({ undo: undoHead, redo: redoHead }) {
+/** Held against what the server says; only while nothing waits to be sent. */
+function takeHeads(/** @type {Heads} */ { undo: undoHead, redo: redoHead }) {
   if (history.undoable.at(-1)?.key !== undoHead?.key) history.undoable = undoHead ? [undoHead] : [];
   if (history.redoable.at(-1)?.key !== redoHead?.key) history.redoable = redoHead ? [redoHead] : [];
 }
@@ -225,8 +210,8 @@ function forgetHistory() {
   history.redoable = [];
 }
 
-/** The changes that take an action back. @param {Change[]} changes @returns {Change[]} */
-function opposite(changes) {
+/** The changes that take an action back. @returns {Change[]} */
+function opposite(/** @type {Change[]} */ changes) {
   return changes.flatMap((change) => {
     const groups = Map.groupBy(change.cells.keys(), (at) => change.base[at]);
     return [...groups].map(([label, places]) => ({
@@ -239,9 +224,7 @@ function opposite(changes) {
   });
 }
 
-/** Take the newest action back: the head of what is undone; null if there is nothing, or it cannot
- * be done now (that was said).
- */
+/** Take the newest action back; null: there is none, or it cannot be done now (that was said). */
 export function undo() {
   return step("undo");
 }
@@ -251,24 +234,20 @@ export function redo() {
   return step("redo");
 }
 
-/** What undo and redo would act on: two heads as `undo` gives them, null where there is nothing; {}
- * where only the server knows, which is told of an action now.
- * @returns {[?Partial<Head>, ?Head]}
+/** What undo and redo would act on, null where there is nothing; {} where only the server knows,
+ * which is told of an action now. @returns {[?Partial<Head>, ?Head]}
  */
 export function nextSteps() {
   const rest = waiting().length ? {} : null;
   return [history.undoable.at(-1) ?? rest, history.redoable.at(-1) ?? null];
 }
 
-/** One after the other: what the second of two quick presses acts on depends on the first.
- * @param {"undo" | "redo"} kind
- */
-function step(kind) {
+/** One after the other: what the second of two quick presses acts on depends on the first. */
+function step(/** @type {"undo" | "redo"} */ kind) {
   return (history.steps = history.steps.then(() => oneStep(kind)));
 }
 
-/** @param {"undo" | "redo"} kind @returns {Promise<?Head>} */
-async function oneStep(kind) {
+async function oneStep(/** @type {"undo" | "redo"} */ kind) {
   const next = () => (kind === "undo" ? history.undoable : history.redoable).at(-1);
   if (!next() && state() === "saving") await whenIdle();
   const head = next();
@@ -294,8 +273,7 @@ async function oneStep(kind) {
   return head;
 }
 
-/** Send an action again that the server refused. @param {Entry} entry */
-export function sendAgain(entry) {
+export function sendAgain(/** @type {Entry} */ entry) {
   takeBack(entry);
   entry.refusal = null;
   if (entry.stored) keep(entry);
@@ -326,8 +304,7 @@ async function pump() {
   if (!waiting().length) for (const tell of saver.idleWaiters.splice(0)) tell();
 }
 
-/** @param {Entry} entry @returns {Promise<boolean>} */
-async function send(entry) {
+async function send(/** @type {Entry} */ entry) {
   /** @type {ActionAnswer} */
   let answer;
   try {
@@ -343,8 +320,7 @@ async function send(entry) {
   return true;
 }
 
-/** @param {Entry} entry */
-function wire(entry) {
+function wire(/** @type {Entry} */ entry) {
   const { key, who: annotator, blind, mission: name, grid, time } = entry;
   const common = { key, who: annotator, blind, mission: name, grid, time };
   if (entry.path !== "/api/actions") return { ...common, target: entry.target };
@@ -357,15 +333,14 @@ async function checkServer() {
   if (saver.stranger) throw new ApiError(421, saver.stranger);
 }
 
-/** Note what the server shows instead of this page's mission, else "". @param {string} words */
-export function noteStranger(words) {
+/** Note what the server shows instead of this page's mission; "" where it shows that. */
+export function noteStranger(/** @type {string} */ words) {
   if (words === saver.stranger) return;
   saver.stranger = words;
   stateChanged();
 }
 
-/** @param {Entry} entry @param {ActionAnswer} answer */
-function acknowledged(entry, answer) {
+function acknowledged(/** @type {Entry} */ entry, /** @type {ActionAnswer} */ answer) {
   const start = saver.starts.get(entry.key);
   if (start !== undefined) performance.measure("tokt:ack", { start, end: performance.now() });
   saver.starts.delete(entry.key);
@@ -385,16 +360,13 @@ function acknowledged(entry, answer) {
   stateChanged();
 }
 
-/** @param {ActionAnswer} answer */
-function noteOwn({ event, changed }) {
+function noteOwn(/** @type {ActionAnswer} */ { event, changed }) {
   saver.ownEvents.push({ before: event - changed, last: event });
   if (saver.ownEvents.length > KEPT_RANGES) saver.ownEvents.shift();
 }
 
-/** Whether all events after `since` up to `last` are of this page's own actions.
- * @param {number} since @param {number} last
- */
-export function allOwn(since, last) {
+/** Whether all events after `since` up to `last` are of this page's own actions. */
+export function allOwn(/** @type {number} */ since, /** @type {number} */ last) {
   let heard = since;
   for (const range of saver.ownEvents) {
     if (range.before <= heard) heard = Math.max(heard, range.last);
@@ -402,8 +374,7 @@ export function allOwn(since, last) {
   return heard >= last;
 }
 
-/** @param {Entry} entry @param {ApiError} error */
-function failed(entry, { status, message }) {
+function failed(/** @type {Entry} */ entry, /** @type {ApiError} */ { status, message }) {
   const bad = status >= 400 && status < 500 && !KEEP_STATUS.has(status);
   if (bad || (status === 500 && saver.tries >= MAX_FAILURES)) {
     saver.trouble = null;
@@ -427,16 +398,15 @@ async function refreshHeads() {
   if (answer && sameMission(answer) && !waiting().length) takeHeads(answer.undo);
 }
 
-/** Note whether the server is heard. @param {boolean} value */
-export function setConnected(value) {
+export function setConnected(/** @type {boolean} */ value) {
   if (value === saver.connected) return;
   saver.connected = value;
   if (value) tryNow();
   stateChanged();
 }
 
-/** Take in what an event says, unless actions that it cannot know of wait. @param {News} news */
-export function takeEventHeads({ undo: heads }) {
+/** Take in what an event says, unless actions of ours that it cannot know of wait. */
+export function takeEventHeads(/** @type {News} */ { undo: heads }) {
   if (heads && !waiting().length) takeHeads(heads);
 }
 
@@ -490,8 +460,7 @@ async function takeLeftovers() {
   pump();
 }
 
-/** @param {Entry} entry */
-function isMine(entry) {
+function isMine(/** @type {Entry} */ entry) {
   const { rows, cols, width } = mission.grid;
   const { grid } = entry;
   const sameGrid = grid.rows === rows && grid.cols === cols && grid.width === width;

@@ -2,28 +2,25 @@
 
 import { classTag, swatch } from "../core/controls.js";
 import { button, el } from "../core/dom.js";
-
-/** @import { Agreement, Pair } from "../types.js" */
+/** @import { Agreement, ChoosePair, Pair } from "../types.js" */
 
 const NONE = "–";
 
-/** A share as people read it: "96.2 %". @param {?number} share */
-function percent(share) {
+/** A share as people read it: "96.2 %". */
+function percent(/** @type {?number} */ share) {
   return share === null ? NONE : `${(100 * share).toFixed(1)} %`;
 }
 
-/** @param {number} value */
-function count(value) {
+function count(/** @type {number} */ value) {
   return value.toLocaleString("en");
 }
 
-/** Kappa with three digits; a dash where it is not defined. @param {?number} kappa */
-function kappaText(kappa) {
+/** Kappa with three digits; a dash where it is not defined. */
+function kappaText(/** @type {?number} */ kappa) {
   return kappa === null ? NONE : kappa.toFixed(3);
 }
 
-/** The main figures of what /api/agreement answered. @param {Agreement} found */
-export function figures(found) {
+export function figures(/** @type {Agreement} */ found) {
   const { a, b, blind } = found;
   const unsure = [percent(found.agreement_with_unsure), kappaText(found.kappa_with_unsure)];
   const rows = [
@@ -44,21 +41,19 @@ export function figures(found) {
   );
 }
 
-/** Which class is an obstacle is only known of classes in the taxonomy. @param {Agreement} found */
-function obstacleText({ obstacle, unknown }) {
+/** Which class is an obstacle is only known of classes in the taxonomy. */
+function obstacleText(/** @type {Agreement} */ { obstacle, unknown }) {
   if (obstacle) return percent(obstacle.f1);
   return `${NONE} (not in the taxonomy: ${unknown.join(", ")})`;
 }
 
-/** @param {Agreement} found */
-function kappaMeaning({ kappa, n_both_sure: sure }) {
+function kappaMeaning(/** @type {Agreement} */ { kappa, n_both_sure: sure }) {
   if (sure === 0) return " there is no patch that both are sure of";
   if (kappa === null) return " not defined: all patches are of one class";
   return " 1: always the same; 0: no better than by chance";
 }
 
-/** Figures class by class. @param {Agreement} found */
-export function classTable(found) {
+export function classTable(/** @type {Agreement} */ found) {
   const heads = ["class", found.a, found.b, "both", "F1"];
   return el("table", { class: "numbers" },
     el("caption", { text: "Patches by class" }),
@@ -76,24 +71,21 @@ export function classTable(found) {
   );
 }
 
-/** @param {string} text */
-function columnHead(text) {
+function columnHead(/** @type {string} */ text) {
   return el("th", { text, scope: "col" });
 }
 
-/** Who said what where: each pair {a, b} of labels and how often; one that differs is a button that
- * gives it to `choose`, pressed if it is the `chosen` one, whose conflicts are shown.
- * @param {Agreement} found @param {?Pair} chosen @param {(pair: Pair) => void} choose
+/** Who said what where: each pair of labels and how often; one that differs is a button that gives
+ * it to `choose`, pressed if it is the `chosen` one, whose conflicts are shown.
+ * @param {Agreement} found @param {?Pair} chosen @param {ChoosePair} choose
  */
 export function confusionTable(found, chosen, choose) {
   const { labels, confusion } = found;
-  /** @param {string} name */
-  const head = (name) => {
+  const head = (/** @type {string} */ name) => {
     const unseen = el("span", { class: "unseen", text: name });
     return el("th", { scope: "col", title: name }, swatch(name), unseen);
   };
-  /** @param {string} a @param {number} i */
-  const row = (a, i) =>
+  const row = (/** @type {string} */ a, /** @type {number} */ i) =>
     el("tr", {},
       el("th", { scope: "row" }, classTag(a)),
       ...labels.map((b, j) => confusionCell({ a, b }, confusion[i][j], found, chosen, choose)),
@@ -105,8 +97,8 @@ export function confusionTable(found, chosen, choose) {
   );
 }
 
-/** @param {Pair} pair @param {number} number @param {Agreement} found @param {?Pair} chosen
- * @param {(pair: Pair) => void} choose
+/** @param {Pair} pair @param {number} number @param {Agreement} found
+ * @param {?Pair} chosen @param {ChoosePair} choose
  */
 function confusionCell({ a, b }, number, found, chosen, choose) {
   if (a === b) return el("td", { class: "same", text: count(number) });

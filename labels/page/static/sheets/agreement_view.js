@@ -14,18 +14,12 @@ import { classTable, confusionTable, figures } from "./agreement_tables.js";
 import { blindForm, blindProgress, continueBlind } from "./blind_panel.js";
 import { selectionKeys } from "./tile_grid.js";
 import { Asking, DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
+/** @import { Agreement, ApiError, Child, Conflict, Pair, SheetPlace } from "../types.js" */
 
-/** @import { Agreement, Child, Conflict, Pair, SheetPlace } from "../types.js" */
-/** @import { ApiError } from "../core/api.js" */
-
-/** The conflicts of one comparison. Of the view, `only`: the labels that conflicts must have;
- * `unsure`: also those where one was not sure, null while nobody chose.
- * @extends {DecisionSheet<Conflict>}
- */
+/** The conflicts of one comparison. @extends {DecisionSheet<Conflict>} */
 class ConflictSheet extends DecisionSheet {
-  /** @param {Pair} people Names. @param {?SheetPlace} place
-   * @param {() => void} onChoice Other labels were chosen to look at.
-   */
+  // `onChoice`: other labels were chosen to look at.
+  /** @param {Pair} people @param {?SheetPlace} place @param {() => void} onChoice */
   constructor(people, place, onChoice) {
     super({
       label: "patches on which they differ",
@@ -47,10 +41,8 @@ class ConflictSheet extends DecisionSheet {
     );
   }
 
-  /** Take what the server found; `anew`: show it from where the person was, else tiles stay.
-   * @param {Conflict[]} conflicts @param {{anew: boolean}} options
-   */
-  take(conflicts, { anew }) {
+  /** Take what the server found; `anew`: show it from where the person was, else tiles stay. */
+  take(/** @type {Conflict[]} */ conflicts, /** @type {{anew: boolean}} */ { anew }) {
     this.patches = conflicts;
     this.view.unsure ??= !conflicts.some((conflict) => conflict.sure);
     if (anew) this.show();
@@ -62,10 +54,8 @@ class ConflictSheet extends DecisionSheet {
     this.choose({ unsure: !this.view.unsure });
   }
 
-  /** Show `only` the conflicts of two labels, {a, b}; of the same two again, or of null: all.
-   * @param {?Pair} only
-   */
-  choosePair(only) {
+  /** Show `only` the conflicts of two labels, {a, b}; of the same two again, or of null: all. */
+  choosePair(/** @type {?Pair} */ only) {
     const { only: now } = this.view;
     const again = only && now?.a === only.a && now?.b === only.b;
     this.choose({ only: again ? null : only });
@@ -73,10 +63,8 @@ class ConflictSheet extends DecisionSheet {
     this.grid.focus();
   }
 
-  /** Settle the selected conflicts, or the one under the cursor and go on; null takes it back.
-   * @param {?string} label
-   */
-  settle(label) {
+  /** Settle the selected conflicts, or the one under the cursor and go on; null takes it back. */
+  settle(/** @type {?string} */ label) {
     const targets = this.targets();
     if (targets.length === 0) return;
     const single = this.grid.selection.chosen.size === 0;
@@ -86,13 +74,11 @@ class ConflictSheet extends DecisionSheet {
     say(count === 0 ? "Nothing to change." : `${patchesAre(count)} ${now}; Ctrl+Z undoes.`);
   }
 
-  /** @param {Conflict} conflict */
-  decisionOn(conflict) {
+  decisionOn(/** @type {Conflict} */ conflict) {
     return settledOf(conflict);
   }
 
-  /** @param {Conflict} conflict */
-  keeps(conflict) {
+  keeps(/** @type {Conflict} */ conflict) {
     const { only, unsure } = this.view;
     if (only) return conflict.a === only.a && conflict.b === only.b;
     return Boolean(unsure) || conflict.sure;
@@ -112,13 +98,11 @@ class ConflictSheet extends DecisionSheet {
     return [["A", a, `${this.people.a} ${a}`], ["B", b, `${this.people.b} ${b}`]];
   }
 
-  /** @param {?string} settled */
-  decisionWords(settled) {
+  decisionWords(/** @type {?string} */ settled) {
     return settled === null ? "not settled" : `settled as ${settled}`;
   }
 
-  /** @param {number} count */
-  chosenWords(count) {
+  chosenWords(/** @type {number} */ count) {
     return `Settle ${count > 0 ? `${count} selected` : "this one"} as`;
   }
 
@@ -127,8 +111,7 @@ class ConflictSheet extends DecisionSheet {
     return this.view.which === "open" ? "Everything is settled." : "There is no such conflict.";
   }
 
-  /** @param {Conflict} conflict */
-  about(conflict) {
+  about(/** @type {Conflict} */ conflict) {
     const settled = settledOf(conflict);
     const known = settled === conflict.settled && conflict.settled_by;
     return [
@@ -164,8 +147,7 @@ function shownSheet() {
   return view.found && view.parts ? view.parts.sheet : null;
 }
 
-/** @param {HTMLElement} root @param {string[]} words */
-async function show(root, [a, b]) {
+async function show(/** @type {HTMLElement} */ root, /** @type {string[]} */ [a, b]) {
   leave();
   view.root = root;
   if (mission.blind) return showBlind();
@@ -192,21 +174,17 @@ function hide() {
   view.root = null;
 }
 
-/** Who is compared: as the address says, else somebody else with whom works here.
- * @param {string} a @param {string} b @returns {?Pair}
- */
-function pairFor(a, b) {
+/** As the address says, else somebody else with whom works here. @returns {?Pair} */
+function pairFor(/** @type {string} */ a, /** @type {string} */ b) {
   const names = mission.annotators;
   if (names.length < 2) return null;
-  /** @param {string} name */
-  const known = (name) => names.includes(name);
+  const known = (/** @type {string} */ name) => names.includes(name);
   const second = known(b) ? b : who();
   const first = known(a) && a !== second ? a : (names.find((name) => name !== second) ?? "");
   return { a: first, b: second };
 }
 
-/** @param {Pair} pair */
-function addressOf({ a, b }) {
+function addressOf(/** @type {Pair} */ { a, b }) {
   return `#/agreement/${encodeURIComponent(a)}/${encodeURIComponent(b)}`;
 }
 
@@ -226,24 +204,21 @@ function showAlone() {
   showAlso(el("p", { class: "empty-state", text }), blindForm({ of: only }));
 }
 
-/** @param {Pair} pair */
-function showForm(pair) {
+function showForm(/** @type {Pair} */ pair) {
   const form = blindForm({ of: pair.a, onCancel: () => go(addressOf(pair)) });
   leave();
   showAlso(form);
   part(form, "input").focus();
 }
 
-/** @param {...Child} children */
-function showAlso(...children) {
+function showAlso(/** @type {Child[]} */ ...children) {
   const options = { class: "agreement-alone", tabindex: -1, "data-home": true };
   view.root?.replaceChildren(el("section", options, ...children));
 }
 
 // ---- The comparison
 
-/** @param {Pair} pair */
-function build(pair) {
+function build(/** @type {Pair} */ pair) {
   const numbers = el("div", { class: "agreement-numbers" });
   const words = el("p", { class: "agreement-words", role: "status" });
   const { last } = view;
@@ -265,8 +240,7 @@ function build(pair) {
   return { root: section, numbers, words, sheet };
 }
 
-/** @param {Pair} pair @param {"a" | "b"} side */
-function person(pair, side) {
+function person(/** @type {Pair} */ pair, /** @type {"a" | "b"} */ side) {
   const letter = side.toUpperCase();
   const options = { "aria-label": `annotator ${letter}` };
   const select = choice(mission.annotators, pair[side], options);
@@ -278,13 +252,11 @@ function person(pair, side) {
   return el("label", { class: "person-choice" }, el("strong", { text: letter }), select);
 }
 
-/** @param {Pair} pair */
-function swap({ a, b }) {
+function swap(/** @type {Pair} */ { a, b }) {
   go(addressOf({ a: b, b: a }));
 }
 
-/** @param {{anew: boolean}} options */
-async function compare({ anew }) {
+async function compare(/** @type {{anew: boolean}} */ { anew }) {
   const { parts, pair } = view;
   if (!parts || !pair) return;
   if (!view.found) parts.words.textContent = "Comparing …";

@@ -14,25 +14,18 @@ import { nameOf } from "./tile_pictures.js";
 import {
   Asking, DecisionSheet, mineOf, relabel, settle, settledOf, sheetRow, tab,
 } from "./tile_sheet.js";
+/** @import { ApiError, Audit, AuditListed, Doubt, SheetPlace } from "../types.js" */
 
 const NONE = "No audit doubts a label of this mission.";
 const LOOK = "Look for labels that may be wrong";
 
-/** @import { Audit, AuditListed, Doubt, SheetPlace } from "../types.js" */
-/** @import { ApiError } from "../core/api.js" */
+/** A finding has no label yet. */
+const labelOf = (/** @type {Doubt} */ { label, suggested }) => label || suggested;
+const suggestedOf = (/** @type {Doubt} */ { suggested }) => suggested;
 
-/** A finding has no label yet. @param {Doubt} doubt */
-const labelOf = ({ label, suggested }) => label || suggested;
-/** @param {Doubt} doubt */
-const suggestedOf = ({ suggested }) => suggested;
-
-/** One audit's patches, the worst first; `mine`, `settled` and `decided` as they were when it was
- * loaded.
- * @extends {DecisionSheet<Doubt>}
- */
+/** One audit's patches, the worst first. @extends {DecisionSheet<Doubt>} */
 class AuditSheet extends DecisionSheet {
-  /** @param {Doubt[]} patches @param {SheetPlace | undefined} place */
-  constructor(patches, place) {
+  constructor(/** @type {Doubt[]} */ patches, /** @type {SheetPlace | undefined} */ place) {
     super({
       label: "patches whose label is doubted",
       filters: "which patches",
@@ -52,24 +45,22 @@ class AuditSheet extends DecisionSheet {
     this.element = el("div", { class: "conflicts" }, decisions, this.tiles);
   }
 
-  /** Take in what is decided now, as the server has it. @param {Doubt[]} patches */
-  learn(patches) {
+  /** Take in what is decided now, as the server has it. */
+  learn(/** @type {Doubt[]} */ patches) {
     const known = new Map(patches.map((doubt) => [nameOf(doubt), doubt]));
     for (const doubt of this.patches) Object.assign(doubt, known.get(nameOf(doubt)));
     this.refresh();
   }
 
-  /** Decide what the selected patches are, or the one under the cursor and go on to the next.
-   * Labels of one's own are changed; a confirmation, and a decision on what somebody else
-   * labelled, stands beside the labels as a settlement: one action, which one undo takes back.
-   * @param {(doubt: Doubt) => string} labelFor
+  /** Decide what the selected patches are, or the one under the cursor and go on to the next. One's
+   * own labels are changed; a confirmation, and a decision on what somebody else labelled, stands
+   * beside the labels as a settlement: one action, which one undo takes back.
    */
-  decide(labelFor) {
+  decide(/** @type {(doubt: Doubt) => string} */ labelFor) {
     const targets = this.whole(this.targets());
     if (targets.length === 0) return;
     const single = this.grid.selection.chosen.size === 0;
-    /** @param {Doubt} doubt */
-    const own = (doubt) =>
+    const own = (/** @type {Doubt} */ doubt) =>
       ![doubt.label, mineOf(doubt)].includes(labelFor(doubt)) &&
       (mineOf(doubt) !== null || !doubt.label);
     const relabels = targets.every(own);
@@ -78,10 +69,8 @@ class AuditSheet extends DecisionSheet {
     say(`${patchesAre(count)} decided; Ctrl+Z undoes.`);
   }
 
-  /** The patches, and all of the findings that they are of: a finding is decided at once.
-   * @param {Doubt[]} patches
-   */
-  whole(patches) {
+  /** The patches, and all of the findings that they are of: a finding is decided at once. */
+  whole(/** @type {Doubt[]} */ patches) {
     const groups = new Set(patches.map(({ group }) => group).filter(Boolean));
     const others = this.patches.filter(({ group }) => groups.has(group));
     return [...new Set([...patches, ...others])];
@@ -101,10 +90,8 @@ class AuditSheet extends DecisionSheet {
     say(count === 0 ? "Nothing to take back." : `${patchesAre(count)} open again.`);
   }
 
-  /** What has been decided since the audit, with what has not reached the server yet; else null.
-   * @param {Doubt} doubt @returns {?string}
-   */
-  decisionOn(doubt) {
+  /** What has been decided since the audit, also what has not reached the server yet; else null. */
+  decisionOn(/** @type {Doubt} */ doubt) {
     const [mine, settled] = [mineOf(doubt), settledOf(doubt)];
     if (settled !== doubt.settled) return settled;
     if (mine === doubt.mine) return doubt.decided;
@@ -118,13 +105,11 @@ class AuditSheet extends DecisionSheet {
     return label ? [["", label, `labelled ${label}`], taken] : [taken];
   }
 
-  /** @param {?string} decision */
-  decisionWords(decision) {
+  decisionWords(/** @type {?string} */ decision) {
     return decision === null ? "not decided" : `decided: ${decision}`;
   }
 
-  /** @param {number} count */
-  chosenWords(count) {
+  chosenWords(/** @type {number} */ count) {
     return count > 0 ? `${count} selected:` : "This one:";
   }
 
@@ -132,8 +117,7 @@ class AuditSheet extends DecisionSheet {
     return this.view.which === "open" ? "Everything is decided." : "There is none.";
   }
 
-  /** @param {Doubt} doubt */
-  about(doubt) {
+  about(/** @type {Doubt} */ doubt) {
     const decision = this.decisionOn(doubt);
     const open = doubt.label
       ? "Not decided: y keeps the label, n takes the other."
@@ -162,8 +146,7 @@ const view = {
 };
 const asking = new Asking();
 
-/** @param {HTMLElement} root @param {string[]} words */
-async function show(root, [wanted]) {
+async function show(/** @type {HTMLElement} */ root, /** @type {string[]} */ [wanted]) {
   leave();
   const here = (view.parts = build());
   root.replaceChildren(here.root);
@@ -190,15 +173,14 @@ function build() {
   return { root, tabs, words, body };
 }
 
-/** @param {string} wanted */
-async function load(wanted) {
+async function load(/** @type {string} */ wanted) {
   asking.stop();
   const { parts } = view;
   if (!parts) return;
   if (mission.blind) return void (parts.words.textContent = "Not while labelling blind.");
   parts.words.textContent = "Loading ...";
-  /** @param {ApiError} error */
-  const failed = ({ message }) => (parts.words.textContent = `It could not be loaded: ${message}.`);
+  const failed = (/** @type {ApiError} */ { message }) =>
+    (parts.words.textContent = `It could not be loaded: ${message}.`);
   const listed = await asking.get("/api/audits", {}, failed);
   if (!listed) return;
   const { audits } = listed;
@@ -214,8 +196,7 @@ async function load(wanted) {
   view.sheet?.grid.focus();
 }
 
-/** @param {AuditListed[]} audits */
-function tabsOf(audits) {
+function tabsOf(/** @type {AuditListed[]} */ audits) {
   const back = el("a", { class: "tab", text: "‹ by class", href: "#/sheet" });
   const tabs = audits.map((one) => {
     const href = `#/audit/${encodeURIComponent(one.name)}`;
@@ -226,14 +207,13 @@ function tabsOf(audits) {
   return [back, ...tabs];
 }
 
-/** @param {Audit} audit */
-function wordsOf({ of, rule, total, patches }) {
+function wordsOf(/** @type {Audit} */ { of, rule, total, patches }) {
   const shown = patches.length < total ? ` The worst ${patches.length} of ${total}.` : "";
   return `${of}: ${rule}${shown}`;
 }
 
-/** A sheet in place of the one that was shown. @param {Audit} audit */
-function newSheet({ patches }) {
+/** A sheet in place of the one that was shown. */
+function newSheet(/** @type {Audit} */ { patches }) {
   const place = view.sheet?.place() ?? view.places.get(view.name);
   view.sheet?.close();
   view.sheet = new AuditSheet(patches, place);

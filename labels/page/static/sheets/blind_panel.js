@@ -7,7 +7,6 @@ import { listenAnew } from "../saving/live.js";
 import { mission, setPerson, setSetting, setting, stateOf, who } from "../core/mission.js";
 import { go } from "../core/router.js";
 import { blindFrames, loadBlindList, nextBlindFrame } from "../labelling/blind_list.js";
-
 /** @import { Place } from "../types.js" */
 
 /** @type {Record<string, {sign: string, text: string}>} */
@@ -22,15 +21,12 @@ const WHY_BLIND =
   "A second person labels the same frames without seeing the first one's labels or any " +
   "suggestion. Only then does agreement say something about the labels.";
 
-/** The form that begins a blind labelling; `of`: whose frames are proposed.
- * @param {{of: string, onCancel?: () => void}} options
- */
-export function blindForm({ of, onCancel }) {
+/** The form that begins a blind labelling; `of`: whose frames are proposed. */
+export function blindForm(/** @type {{of: string, onCancel?: () => void}} */ { of, onCancel }) {
   const whose = choice(mission.annotators, of, { id: "blind-of" });
   const name = el("input", { id: "blind-who", required: true, maxlength: 60, autocomplete: "off" });
   if (who() !== of) name.value = who();
-  /** @param {Event} event */
-  const begin = (event) => {
+  const begin = (/** @type {Event} */ event) => {
     event.preventDefault();
     beginBlind(whose.value, name.value.trim());
   };
@@ -48,8 +44,8 @@ export function blindForm({ of, onCancel }) {
   );
 }
 
-/** Work blind, as `name`, on the frames of `of`. @param {string} of @param {string} name */
-async function beginBlind(of, name) {
+/** Work blind from now on, as `name`, on the frames of `of`. */
+async function beginBlind(/** @type {string} */ of, /** @type {string} */ name) {
   if (!name) return;
   if (name === of) {
     const words = "labelled these frames first; the second labelling needs another person's name.";
@@ -79,14 +75,13 @@ async function endBlind() {
   });
 }
 
-/** @param {() => Promise<void>} change */
-async function changePerson(change) {
+async function changePerson(/** @type {() => Promise<void>} */ change) {
   const explain = complain("That did not work:");
   await change().catch(onFailure(explain)).finally(listenAnew);
 }
 
-/** How far a blind labelling is; `fault`: why it has no list, else "". @param {string} fault */
-export function blindProgress(fault) {
+/** How far a blind labelling is; `fault`: why there is no list, "" where there is. */
+export function blindProgress(/** @type {string} */ fault) {
   const list = blindFrames();
   const done = list.filter(({ camera, frame }) => stateOf(camera, frame) === "d").length;
   const of = setting("blindOf");
@@ -107,8 +102,7 @@ export function blindProgress(fault) {
   );
 }
 
-/** @param {Place} place */
-function frameLink({ camera, frame }) {
+function frameLink(/** @type {Place} */ { camera, frame }) {
   const { sign, text } = SIGNS[stateOf(camera, frame)] ?? SIGNS.u;
   const href = `#/label/${camera}/${frame}`;
   const name = `${camera} ${frame}`;

@@ -11,18 +11,15 @@ import { patchesAre } from "../saving/saver.js";
 import { selectionKeys } from "./tile_grid.js";
 import { nameOf } from "./tile_pictures.js";
 import { Asking, PAGE, TileSheet, mineOf, relabel, sheetRow, tab } from "./tile_sheet.js";
+/** @import { ApiError, SheetPage, SheetTile } from "../types.js" */
 
 const ASK_AGAIN_MS = 2000;
 const SIZES = [48, 64, 84, 112, 150];
 const MARGINS = [0, 0.25, 1]; // around a patch, in patches
 
-/** @import { SheetPage, SheetTile } from "../types.js" */
-/** @import { ApiError } from "../core/api.js" */
-
 /** A person's patches of one class. @extends {TileSheet<SheetTile>} */
 class ReviewSheet extends TileSheet {
-  /** @param {string} label */
-  constructor(label) {
+  constructor(/** @type {string} */ label) {
     super(`patches labelled ${label}`, 0);
     this.label = label;
     /** @type {?SheetPage} Null until it is loaded. */
@@ -51,15 +48,13 @@ class ReviewSheet extends TileSheet {
     return [pager((step) => this.turn(step), this.range, again), sizeButtons(resize, around)];
   }
 
-  /** Show a page that was loaded. @param {SheetPage} page @param {?number} cursor */
-  show(page, cursor) {
+  show(/** @type {SheetPage} */ page, /** @type {?number} */ cursor) {
     this.page = page;
     this.showTiles(page.tiles, look(), cursor);
     this.#showTabs();
     this.#showState(page);
   }
 
-  /** Labels changed. */
   refresh() {
     if (!this.page) return;
     prefetchOf(this.page.tiles);
@@ -68,7 +63,6 @@ class ReviewSheet extends TileSheet {
     this.showSelection();
   }
 
-  /** Pictures look different. */
   redraw() {
     if (this.page) this.grid.resize(look());
   }
@@ -132,15 +126,12 @@ class ReviewSheet extends TileSheet {
     return (this.page?.tiles ?? []).filter((tile) => mineOf(tile) === this.label);
   }
 
-  /** Order the patches anew. */
   reload() {
     if (this.page) this.load(this.page.offset);
   }
 
-  /** The next page starts after what is still of this class, so that relabelling skips nothing.
-   * @param {number} step
-   */
-  turn(step) {
+  /** The next page starts after what is still of this class, so that relabelling skips nothing. */
+  turn(/** @type {number} */ step) {
     if (!this.page) return;
     const { offset, tiles, total } = this.page;
     if (step > 0 && offset + tiles.length >= total) return say("This is the last page.");
@@ -159,8 +150,7 @@ class ReviewSheet extends TileSheet {
     this.tabs.replaceChildren(...tabs, audit);
   }
 
-  /** @param {SheetPage} page */
-  #showState({ total, offset, tiles, ready, by, done, of, newOrder }) {
+  #showState(/** @type {SheetPage} */ { total, offset, tiles, ready, by, done, of, newOrder }) {
     const first = tiles.length > 0 ? offset + 1 : 0;
     const numbers = [first, offset + tiles.length, total];
     const [from, to, all] = numbers.map((n) => n.toLocaleString("en"));
@@ -179,28 +169,25 @@ class ReviewSheet extends TileSheet {
     if (!ready && !newOrder) this.timer = setTimeout(() => this.#askAgain(), ASK_AGAIN_MS);
   }
 
-  /** @param {number} count */
-  chosenWords(count) {
+  chosenWords(/** @type {number} */ count) {
     return `Relabel ${count > 0 ? `${count} selected` : "this one"} as`;
   }
 
-  /** @param {SheetTile} tile */
-  about(tile) {
+  about(/** @type {SheetTile} */ tile) {
     const now = mineOf(tile);
     const odd = tile.value === null ? [] : [`Ordered by its value, ${tile.value.toFixed(2)}.`];
     return [now ? `Labelled ${now}.` : "No label.", ...odd, "Enter opens its frame."];
   }
 
-  /** @param {SheetTile} tile */
-  describe(tile) {
+  describe(/** @type {SheetTile} */ tile) {
     const now = mineOf(tile);
     if (now === this.label) return { name: nameOf(tile), lines: [] };
     const lines = [now ? classTag(now) : el("span", { text: "no label" })];
     return { name: `${nameOf(tile)}, now ${now ?? "without label"}`, lines, faded: true };
   }
 
-  /** Give the selected patches another label; null takes it away. @param {?string} name */
-  relabel(name) {
+  /** Give the selected patches another label; null takes it away. */
+  relabel(/** @type {?string} */ name) {
     const targets = this.targets();
     if (targets.length === 0) return;
     const count = relabel(targets, () => name);
@@ -219,8 +206,7 @@ function look() {
   return { width, margin };
 }
 
-/** @param {number} step */
-function resize(step) {
+function resize(/** @type {number} */ step) {
   const at = SIZES.indexOf(look().width) + step;
   setSetting("tileWidth", SIZES[Math.max(0, Math.min(SIZES.length - 1, at))]);
 }
@@ -240,8 +226,7 @@ const view = {
   places: new Map(),
 };
 
-/** @param {HTMLElement} root @param {string[]} words */
-async function show(root, [name]) {
+async function show(/** @type {HTMLElement} */ root, /** @type {string[]} */ [name]) {
   leave();
   view.label = mission.classes.some((known) => known.name === name) ? name : firstLabelled();
   const here = (view.sheet = new ReviewSheet(view.label));
@@ -266,13 +251,11 @@ function firstLabelled() {
   return classes.find(({ name }) => counts[name] > 0)?.name ?? classes[0].name;
 }
 
-/** @param {string} name */
-function addressOf(name) {
+function addressOf(/** @type {string} */ name) {
   return `#/sheet/${encodeURIComponent(name)}`;
 }
 
-/** @param {number} step */
-function turnClass(step) {
+function turnClass(/** @type {number} */ step) {
   const names = mission.classes.map((known) => known.name);
   go(addressOf(names[(names.indexOf(view.label) + step + names.length) % names.length]));
 }

@@ -4,19 +4,15 @@ import { el, part, setAttribute, targetOf } from "../core/dom.js";
 import { patchAspect } from "../core/pictures.js";
 import { ARROWS, arrowKeys } from "../core/patch_grid.js";
 import { TilePictures, patchInTile, putAt } from "./tile_pictures.js";
+/** @import { GridHost, KeyEntry, Patch, Point, Rectangle, Selecting } from "../types.js" */
+/** @import { SelectionChange, TileSize } from "../types.js" */
 
 const DRAG_STARTS = 5; // CSS pixels
 let grids = 0;
 
-/** @import { GridHost, KeyEntry, Patch } from "../types.js" */
-/** @import { Point, Rectangle, Selecting, SelectionChange } from "../types.js" */
-
-/** Which of a number of tiles are selected, and where the cursor is: as in a file manager, except
- * that a plain click adds to the selection, because odd patches lie scattered.
- */
+/** As in a file manager; but a plain click adds, because odd patches lie scattered. */
 export class TileSelection {
-  /** @param {number} count */
-  constructor(count) {
+  constructor(/** @type {number} */ count) {
     this.count = count;
     this.cursor = 0;
     this.anchor = 0;
@@ -28,22 +24,21 @@ export class TileSelection {
     this.before = null;
   }
 
-  /** Put the cursor on a tile, without selecting it. @param {number} index */
-  place(index) {
+  /** Put the cursor on a tile, without selecting it. */
+  place(/** @type {number} */ index) {
     this.pointed = true;
     this.cursor = Math.max(0, Math.min(this.count - 1, index));
     this.anchor = this.cursor;
     this.before = null;
   }
 
-  /** Select the tile, or no longer. @param {number} index */
-  toggle(index) {
+  toggle(/** @type {number} */ index) {
     this.place(index);
     if (!this.chosen.delete(index)) this.chosen.add(index);
   }
 
-  /** Select all from the last tile clicked to this one. @param {number} index */
-  extendTo(index) {
+  /** Select all from the last tile clicked to this one. */
+  extendTo(/** @type {number} */ index) {
     this.before ??= new Set(this.chosen);
     this.cursor = Math.max(0, Math.min(this.count - 1, index));
     const [first, last] = [this.anchor, this.cursor].sort((a, b) => a - b);
@@ -51,10 +46,8 @@ export class TileSelection {
     for (let tile = first; tile <= last; tile += 1) this.chosen.add(tile);
   }
 
-  /** Move the cursor by this many tiles; with `extend`, select what it passes.
-   * @param {number} step @param {boolean} extend
-   */
-  move(step, extend) {
+  /** Move the cursor by this many tiles; with `extend`, select what it passes. */
+  move(/** @type {number} */ step, /** @type {boolean} */ extend) {
     const target = this.cursor + step;
     this.pointed = true;
     if (target < 0 || target >= this.count) return;
@@ -71,12 +64,10 @@ export class TileSelection {
     this.before = null;
   }
 
-  /** Select every tile. */
   all() {
     this.chosen = new Set(Array(this.count).keys());
   }
 
-  /** Select nothing. */
   clear() {
     this.chosen.clear();
     this.before = null;
@@ -91,8 +82,7 @@ export class TileSelection {
 
 /** Grid of tiles. @template {Patch} T */
 export class TileGrid {
-  /** `label`: what the grid holds, for screen readers; `captionLines`: lines kept free under each
-   * picture, 0: the caption stands over it.
+  /** `captionLines`: kept free under each picture; 0: the caption stands over it.
    * @param {string} label @param {number} captionLines @param {GridHost<T>} sheet
    */
   constructor(label, captionLines, sheet) {
@@ -120,20 +110,15 @@ export class TileGrid {
     });
   }
 
-  /** Show these tiles, as `resize` does.
-   * @param {T[]} tiles @param {{width: number, margin: number}} look
-   */
-  show(tiles, look) {
+  /** Show these tiles, as `resize` does. */
+  show(/** @type {T[]} */ tiles, /** @type {TileSize} */ look) {
     this.tiles = tiles;
     this.selection = new TileSelection(tiles.length);
     this.resize(look);
   }
 
-  /** Show the same tiles, maybe at another size: width in CSS pixels, margin around each patch in
-   * patches. Selection and cursor stay.
-   * @param {{width: number, margin: number}} look
-   */
-  resize({ width, margin }) {
+  /** Show the same tiles, maybe at another size; selection and cursor stay. */
+  resize(/** @type {TileSize} */ { width, margin }) {
     this.list.style.setProperty("--tile-width", `${width}px`);
     this.elements = this.tiles.map((tile, index) => this.#tile(tile, index, width, margin));
     this.list.replaceChildren(...this.elements);
@@ -164,10 +149,8 @@ export class TileGrid {
     return this.selection.targets().map((index) => this.tiles[index]);
   }
 
-  /** Change the selection by `change(selection)` and show it.
-   * @param {(selection: TileSelection) => unknown} change
-   */
-  select(change) {
+  /** Change the selection by `change(selection)` and show it. */
+  select(/** @type {(selection: TileSelection) => unknown} */ change) {
     change(this.selection);
     this.#mark();
     this.elements[this.selection.cursor]?.scrollIntoView({ block: "nearest" });
@@ -186,7 +169,6 @@ export class TileGrid {
     return second < 0 ? Math.max(1, this.elements.length) : second;
   }
 
-  /** Forget the tiles; the view is left. */
   close() {
     this.pictures.stop();
   }
@@ -217,13 +199,11 @@ export class TileGrid {
     setAttribute(this.list, "aria-activedescendant", active);
   }
 
-  /** @param {Event} event */
-  #indexOf(event) {
+  #indexOf(/** @type {Event} */ event) {
     return this.elements.findIndex((element) => element.contains(targetOf(event)));
   }
 
-  /** @param {PointerEvent} event */
-  #press(event) {
+  #press(/** @type {PointerEvent} */ event) {
     if (event.button !== 0) return;
     const pressed = this.#indexOf(event);
     this.busy = true;
@@ -231,16 +211,14 @@ export class TileGrid {
     const earlier = new Set(this.selection.chosen);
     /** @type {?Rectangle} */
     let band = null;
-    /** @param {PointerEvent} move */
-    const moved = (move) => {
+    const moved = (/** @type {PointerEvent} */ move) => {
       const rectangle = rectangleOf(start, this.#point(move));
       if (!band && Math.max(rectangle.width, rectangle.height) < DRAG_STARTS) return;
       band = rectangle;
       this.#sweep(band, earlier, move.ctrlKey);
     };
     const stop = new AbortController();
-    /** @param {PointerEvent} end */
-    const ended = ({ type, shiftKey }) => {
+    const ended = (/** @type {PointerEvent} */ { type, shiftKey }) => {
       this.busy = false;
       stop.abort();
       this.band.hidden = true;
@@ -274,14 +252,11 @@ export class TileGrid {
   }
 }
 
-/** Rows of a view's table of keys that move the cursor of its grid and select.
- * @param {() => Selecting | undefined} gridOf
- */
-export function selectionKeys(gridOf) {
+/** Rows of a view's table of keys that move the cursor of its grid and select. */
+export function selectionKeys(/** @type {() => Selecting | undefined} */ gridOf) {
   /** @type {(keys: string[], does: string, change: SelectionChange) => KeyEntry} */
   const row = (keys, does, change) => {
-    /** @param {KeyboardEvent} event */
-    const run = (event) => {
+    const run = (/** @type {KeyboardEvent} */ event) => {
       const grid = gridOf();
       grid?.select((selection) => change(selection, event, grid));
     };

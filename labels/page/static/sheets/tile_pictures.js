@@ -6,16 +6,14 @@ import { el } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
 import { frameAspect, patchAspect, thumbAddress } from "../core/pictures.js";
 import { cellName, patchSize, rowCol } from "../core/patch_grid.js";
-
 /** @import { Chunk, Look, Patch, Rectangle } from "../types.js" */
 
 const COLUMNS = 10;
 const CHUNK = 20;
 const LARGEST = 256; // pixels; the server makes no larger tile
 
-/** Address of one image with these patches, ten square tiles to a row.
- * @param {Patch[]} tiles @param {number} width @param {number} margin
- */
+// Address of one image with these patches, ten square tiles to a row.
+/** @param {Patch[]} tiles @param {number} width @param {number} margin */
 function patchesAddress(tiles, width, margin) {
   const pixels = Math.round(width * Math.min(2, window.devicePixelRatio || 1));
   return address("/api/patches", {
@@ -41,9 +39,8 @@ function placeTile(element, sprite, position, width, height) {
   element.style.backgroundPosition = `${-column * width}px ${-top}px`;
 }
 
-/** The rectangle of the patch itself within its tile, which at a frame's edge is not the middle.
- * @param {Patch} patch @param {number} width @param {number} height @param {number} margin
- * @returns {Rectangle}
+/** Where the patch itself lies within its tile, at a frame's edge not in the middle.
+ * @type {(patch: Patch, width: number, height: number, margin: number) => Rectangle}
  */
 export function patchInTile({ camera, cell }, width, height, margin) {
   const { rows, cols } = mission.grid;
@@ -63,8 +60,7 @@ export function patchInTile({ camera, cell }, width, height, margin) {
 
 /** Fills elements with the pictures of their patches as they scroll into view. */
 export class TilePictures {
-  /** @param {HTMLElement} scroller */
-  constructor(scroller) {
+  constructor(/** @type {HTMLElement} */ scroller) {
     /** @type {Map<Element, Chunk>} */
     this.chunkOf = new Map();
     this.observer = new IntersectionObserver((entries) => this.#seen(entries), {
@@ -93,15 +89,13 @@ export class TilePictures {
     }
   }
 
-  /** Forget the tiles shown. */
   stop() {
     this.observer.disconnect();
     for (const { image } of this.chunkOf.values()) if (image) image.src = "";
     this.chunkOf.clear();
   }
 
-  /** @param {IntersectionObserverEntry[]} entries */
-  #seen(entries) {
+  #seen(/** @type {IntersectionObserverEntry[]} */ entries) {
     for (const entry of entries) {
       const chunk = this.chunkOf.get(entry.target);
       if (entry.isIntersecting && chunk && !chunk.image) load(chunk);
@@ -109,8 +103,7 @@ export class TilePictures {
   }
 }
 
-/** @param {Chunk} chunk */
-function load(chunk) {
+function load(/** @type {Chunk} */ chunk) {
   const { sprite, elements, look } = chunk;
   const image = (chunk.image = new Image());
   image.addEventListener("load", () =>
@@ -126,8 +119,8 @@ function load(chunk) {
 const PREVIEW = 240; // CSS pixels, the width of both pictures
 const PREVIEW_MARGIN = 1;
 
-/** A patch in words: "left 17, row 3, column 4". @param {Patch} patch */
-export function nameOf({ camera, frame, cell }) {
+/** A patch in words: "left 17, row 3, column 4". */
+export function nameOf(/** @type {Patch} */ { camera, frame, cell }) {
   return `${camera} ${frame}, ${cellName(cell)}`;
 }
 
@@ -146,10 +139,8 @@ export class PatchPreview {
     );
   }
 
-  /** Show a patch, and say these lines about it; without one hide.
-   * @param {Patch | undefined} tile @param {string[]} lines
-   */
-  show(tile, lines) {
+  /** Show a patch, and say these lines about it; without one hide. */
+  show(/** @type {Patch | undefined} */ tile, /** @type {string[]} */ lines) {
     this.element.classList.toggle("nothing", !tile);
     if (!tile) return;
     this.#showPatch(tile);
@@ -160,16 +151,14 @@ export class PatchPreview {
     );
   }
 
-  /** @param {Patch} tile */
-  #showPatch(tile) {
+  #showPatch(/** @type {Patch} */ tile) {
     const height = Math.round(PREVIEW * patchAspect(tile.camera));
     this.patch.style.height = `${height}px`;
     placeTile(this.patch, patchesAddress([tile], PREVIEW, PREVIEW_MARGIN), 0, PREVIEW, height);
     putAt(this.patchMark, patchInTile(tile, PREVIEW, height, PREVIEW_MARGIN));
   }
 
-  /** @param {Patch} patch */
-  #showFrame({ camera, frame, cell }) {
+  #showFrame(/** @type {Patch} */ { camera, frame, cell }) {
     const { width, height } = patchSize(PREVIEW, PREVIEW * frameAspect(camera));
     const source = thumbAddress(camera, frame, PREVIEW);
     if (this.frame.getAttribute("src") !== source) this.frame.src = source;
@@ -178,8 +167,8 @@ export class PatchPreview {
   }
 }
 
-/** Put an element over a rectangle. @param {HTMLElement} element @param {Rectangle} rectangle */
-export function putAt(element, rectangle) {
+/** Put an element where a rectangle is. */
+export function putAt(/** @type {HTMLElement} */ element, /** @type {Rectangle} */ rectangle) {
   for (const [side, value] of Object.entries(rectangle)) {
     element.style.setProperty(side, `${value}px`);
   }

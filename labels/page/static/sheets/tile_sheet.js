@@ -10,6 +10,8 @@ import { labelsOf, prefetchOf } from "../saving/labels.js";
 import { actOn } from "../saving/saver.js";
 import { TileGrid } from "./tile_grid.js";
 import { PatchPreview, nameOf } from "./tile_pictures.js";
+/** @import { Answers, ApiError, Child, DecisionOptions, Described, KeyEntry } from "../types.js" */
+/** @import { Params, Patch, SaidPatch, SheetPlace, TileSize } from "../types.js" */
 
 /** Tiles on one page. */
 export const PAGE = 200;
@@ -19,10 +21,6 @@ const ALL = "all";
 const TILE_WIDTH = 110;
 const AGAIN_MS = 1000;
 
-/** @import { Answers, Child, Described, KeyEntry } from "../types.js" */
-/** @import { Params, Patch, SaidPatch, SheetPlace } from "../types.js" */
-/** @import { ApiError } from "../core/api.js" */
-
 /** What a sheet asks of the server, one thing at a time. */
 export class Asking {
   #asked = 0;
@@ -31,9 +29,8 @@ export class Asking {
   #timer = 0;
 
   /** The answer; null if it fails, which `failed` hears of, or something was asked meanwhile.
-   * @template {keyof Answers} P
-   * @param {P} path @param {Params} params @param {(error: ApiError) => unknown} [failed]
-   * @returns {Promise<?Answers[P]>}
+   * @template {keyof Answers} P @param {P} path @param {Params} params
+   * @param {(error: ApiError) => unknown} [failed]
    */
   async get(path, params, failed) {
     const mine = (this.#asked += 1);
@@ -48,10 +45,8 @@ export class Asking {
     return answer;
   }
 
-  /** Ask again by `work` in a while, if labels changed somewhere since the last answer.
-   * @param {() => unknown} work
-   */
-  soon(work) {
+  /** Ask again by `work` in a while, if labels changed somewhere since the last answer. */
+  soon(/** @type {() => unknown} */ work) {
     if (this.#event === mission.event) return;
     clearTimeout(this.#timer);
     this.#timer = setTimeout(() => (this.#busy ? this.soon(work) : work()), AGAIN_MS);
@@ -70,8 +65,7 @@ export class Asking {
  * @template {Patch} T
  */
 export class TileSheet {
-  /** @param {string} label @param {number} captionLines */
-  constructor(label, captionLines) {
+  constructor(/** @type {string} */ label, /** @type {number} */ captionLines) {
     /** @type {TileGrid<T>} */
     this.grid = new TileGrid(label, captionLines, this);
     this.preview = new PatchPreview();
@@ -89,21 +83,18 @@ export class TileSheet {
     return [];
   }
 
-  /** @param {number} _count */
-  chosenWords(_count) {
+  chosenWords(/** @type {number} */ _count) {
     return "";
   }
 
-  /** The bar of commands for selected patches. @param {string} label @param {...Child} children */
-  bar(label, ...children) {
+  /** The bar of what can be done to the selected patches. */
+  bar(/** @type {string} */ label, /** @type {Child[]} */ ...children) {
     const options = { class: "bar", role: "group", "aria-label": label };
     return el("div", options, this.chosen, ...children);
   }
 
-  /** Show these tiles, and load the labels of their frames: they say what was done since.
-   * @param {T[]} tiles @param {{width: number, margin: number}} look @param {?number} cursor
-   */
-  showTiles(tiles, look, cursor) {
+  /** Show these tiles, and load the labels of their frames: they say what was done since. */
+  showTiles(/** @type {T[]} */ tiles, /** @type {TileSize} */ look, /** @type {?number} */ cursor) {
     prefetchOf(tiles);
     this.grid.show(tiles, look);
     this.grid.select((selection) => cursor !== null && selection.place(cursor));
@@ -131,7 +122,6 @@ export class TileSheet {
     this.preview.show(tile, tile ? this.about(tile) : []);
   }
 
-  /** Open the frame of the patch under the cursor. */
   openCurrent() {
     const tile = this.grid.current();
     if (!tile) return;
@@ -139,12 +129,10 @@ export class TileSheet {
     this.open(tile);
   }
 
-  /** Open the frame of a patch. @param {Patch} patch */
-  open({ camera, frame, cell }) {
+  open(/** @type {Patch} */ { camera, frame, cell }) {
     go(`#/label/${camera}/${frame}/${cell}`);
   }
 
-  /** The view is left. */
   close() {
     this.grid.close();
   }
@@ -157,13 +145,7 @@ export class TileSheet {
  * @extends {TileSheet<T>}
  */
 export class DecisionSheet extends TileSheet {
-  /** `label`: what the grid holds; `filters`: what is filtered, for screen readers; `decided`: the
-   * word for patches that are not open; `margin` around each patch, in patches; `place`: where the
-   * person was, or nothing.
-   * @param {{label: string, filters: string, decided: string, margin: number,
-   *   place?: ?Partial<SheetPlace>}} options
-   */
-  constructor({ label, filters, decided, margin, place }) {
+  constructor(/** @type {DecisionOptions} */ { label, filters, decided, margin, place }) {
     super(label, 3);
     /** @type {T[]} */
     this.patches = [];
@@ -184,8 +166,7 @@ export class DecisionSheet extends TileSheet {
     return [];
   }
 
-  /** @param {?string} decision */
-  decisionWords(decision) {
+  decisionWords(/** @type {?string} */ decision) {
     return decision ?? "";
   }
 
@@ -200,8 +181,7 @@ export class DecisionSheet extends TileSheet {
 
   /** Show the patches from where the person is; the one pointed `at` also if it does not match. */
   show(at = this.place().at) {
-    /** @param {T} patch */
-    const isAt = (patch) => (at ? nameOf(patch) === nameOf(at) : false);
+    const isAt = (/** @type {T} */ patch) => (at ? nameOf(patch) === nameOf(at) : false);
     const matching = new Set(this.matching(this.view.which));
     const all = this.patches.filter((patch) => matching.has(patch) || isAt(patch));
     const found = all.findIndex(isAt);
@@ -224,8 +204,7 @@ export class DecisionSheet extends TileSheet {
     this.grid.resize(this.look);
   }
 
-  /** Show other patches. @param {Partial<SheetPlace>} change */
-  choose(change) {
+  choose(/** @type {Partial<SheetPlace>} */ change) {
     Object.assign(this.view, { first: 0, at: null }, change);
     this.show(null);
   }
@@ -236,37 +215,33 @@ export class DecisionSheet extends TileSheet {
     this.choose({ which: which[(which.indexOf(this.view.which) + 1) % which.length] });
   }
 
-  /** Go some pages on. @param {number} step */
-  turn(step) {
+  turn(/** @type {number} */ step) {
     const first = this.view.first + step * PAGE;
     if (first < 0) say("This is the first page.");
     else if (first >= this.matching(this.view.which).length) say("This is the last page.");
     else this.choose({ first });
   }
 
-  /** Whether a patch is shown; a sheet may leave some out. @param {T} _patch @returns {boolean} */
-  keeps(_patch) {
+  /** Whether a patch is shown at all; a sheet may leave some out. */
+  keeps(/** @type {T} */ _patch) {
     return true;
   }
 
-  /** @param {string} which */
-  matching(which) {
+  matching(/** @type {string} */ which) {
     const kept = this.patches.filter((patch) => this.keeps(patch));
     if (which === ALL) return kept;
     return kept.filter((patch) => (this.decisionOn(patch) === null) === (which === OPEN));
   }
 
-  /** Select nothing; who decided on the `single` patch under the cursor goes on to the next that is
-   * not one of the `decided`: the server may not have told of these yet.
-   * @param {boolean} single @param {T[]} [decided]
+  /** Select nothing; after a `single` patch go on to the next one that is not `decided`: the server
+   * may not have told of these yet.
    */
-  goOn(single, decided = []) {
+  goOn(/** @type {boolean} */ single, /** @type {T[]} */ decided = []) {
     this.grid.select((selection) => {
       selection.clear();
       if (!single) return;
       const { cursor } = selection;
-      /** @param {T} patch @param {number} at */
-      const isOpen = (patch, at) =>
+      const isOpen = (/** @type {T} */ patch, /** @type {number} */ at) =>
         at > cursor && !decided.includes(patch) && this.decisionOn(patch) === null;
       const next = this.grid.tiles.findIndex(isOpen);
       selection.place(next < 0 ? cursor : next);
@@ -317,52 +292,45 @@ export function tab(words, patches, href, isCurrent) {
   return el("a", options, words, count);
 }
 
-/** @param {string} mark @param {string} name */
-function captionLine(mark, name) {
+function captionLine(/** @type {string} */ mark, /** @type {string} */ name) {
   return el("span", {}, el("b", { text: mark }), swatch(name), el("span", { text: name }));
 }
 
-/** What is settled of a patch, known to the server or not. @param {SaidPatch} patch */
-export function settledOf(patch) {
+/** What is settled of a patch, with what has not reached the server yet. */
+export function settledOf(/** @type {SaidPatch} */ patch) {
   return nowOf(patch, "settled");
 }
 
-/** The person's own label of a patch, known to the server or not. @param {SaidPatch} patch */
-export function mineOf(patch) {
+/** The person's own label of a patch, with what has not reached the server yet. */
+export function mineOf(/** @type {SaidPatch} */ patch) {
   return nowOf(patch, "mine");
 }
 
-/** @param {SaidPatch} patch @param {"mine" | "settled"} what */
-function nowOf(patch, what) {
+function nowOf(/** @type {SaidPatch} */ patch, /** @type {"mine" | "settled"} */ what) {
   const known = labelsOf(patch.camera, patch.frame);
   return (known ? known[what][patch.cell] : patch[what]) ?? null;
 }
 
-/** Give patches other labels of one's own; null takes them away. Gives how many change.
- * @template {SaidPatch} T
- * @param {T[]} patches @param {(one: T) => ?string} labelFor @param {string} [kind]
+/** Give patches other labels of one's own, null takes them away; how many change.
+ * @template {SaidPatch} T @param {T[]} patches @param {(one: T) => ?string} labelFor
  */
 export function relabel(patches, labelFor, kind = "relabel") {
   const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: mineOf(one) }));
   return actOn(kind, wanted);
 }
 
-/** Settle patches: both opinions stay, and what holds stands beside them; null takes it back. Gives
- * how many change.
- * @template {SaidPatch} T
- * @param {T[]} patches @param {(one: T) => ?string} labelFor @param {string} [kind]
+/** Settle patches: both opinions stay beside what holds; null takes it back. How many change.
+ * @template {SaidPatch} T @param {T[]} patches @param {(one: T) => ?string} labelFor
  */
 export function settle(patches, labelFor, kind = "settle") {
   const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: settledOf(one) }));
   return actOn(kind, wanted, { source: "settled" });
 }
 
-/** Makes rows of a view's table of keys that only work while its sheet is shown.
- * @template S
- * @param {() => ?S} sheetOf
+/** Makes rows of a view's table of keys that only work while its sheet is shown. @template S
  * @returns {(keys: string[], does: string, act: (sheet: S) => unknown) => KeyEntry}
  */
-export function sheetRow(sheetOf) {
+export function sheetRow(/** @type {() => ?S} */ sheetOf) {
   return (keys, does, act) => {
     const run = () => {
       const sheet = sheetOf();

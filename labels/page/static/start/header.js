@@ -8,7 +8,6 @@ import { showProgress } from "../core/progress.js";
 import { lastPerson } from "../core/settings.js";
 import { listenAnew } from "../saving/live.js";
 import { onState, pending, state, stateReason, tryNow } from "../saving/saver.js";
-
 /** @import { Person, SaveState } from "../types.js" */
 
 /** @type {Record<SaveState, (count: number) => string>} */
@@ -24,7 +23,6 @@ const READ_OUT_MS = 700;
 /** What was read out last, and when it is looked at again. */
 const read = { state: /** @type {SaveState} */ ("saved"), timer: 0 };
 
-/** Fill the header and keep it up to date. */
 export function startHeader() {
   byId("try-now").addEventListener("click", tryNow);
   byId("person").addEventListener("click", () => personDialog(become));
@@ -66,11 +64,8 @@ export async function askPerson() {
   while (!who()) await personDialog(setPerson);
 }
 
-/** Let a person say who works here; without an answer nothing changes. `take({who, blind})`, whose
- * promise is waited for, takes the answer.
- * @param {(person: Person) => Promise<void>} take
- */
-function personDialog(take) {
+/** Let a person say who works here, and wait for `take`; without an answer nothing changes. */
+function personDialog(/** @type {(person: Person) => Promise<void>} */ take) {
   const dialog = dialogById("person-dialog");
   const last = lastPerson();
   const hid = who() ? mission.blind : Boolean(last.blind);
@@ -80,8 +75,7 @@ function personDialog(take) {
   const hides = el("input", { id: "person-blind", type: "checkbox", checked: hid });
   /** @type {?Person} */
   let chosen = null;
-  /** @param {Event} event */
-  const choose = (event) => {
+  const choose = (/** @type {Event} */ event) => {
     event.preventDefault();
     // Somebody else who is blind stays so, unless that was meant.
     const isBlind = hides.checked || hid ? hides.checked : undefined;
@@ -110,8 +104,7 @@ function personDialog(take) {
   });
 }
 
-/** @param {Person} change */
-async function become(change) {
+async function become(/** @type {Person} */ change) {
   const explain = complain("Not done, or not loaded anew:", { stays: true });
   const showAnew = () => {
     showMission();
