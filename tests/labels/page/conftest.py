@@ -248,9 +248,9 @@ class Profiles:
         self._browser = browser
         self._watched = {}
 
-    def make(self, who, **options):
+    def make(self, who):
         """A context that knows that `who` works there; with None it was never told."""
-        context = self._browser.new_context(**options)
+        context = self._browser.new_context()
         if who is not None:
             context.add_init_script(remembers(who))
         context.set_default_timeout(500 * MAX_S)
@@ -298,7 +298,7 @@ def browse(profiles, annas):
     """Open the page of a server: ``browse(server, "#/label/left/17", allow=...)``.
 
     It is a new tab of anna's browser; of one of their own for anybody else (``who="ben"``; None
-    was never told who works there) and with options of a context. ``context=page.context`` opens
+    was never told who works there) and with `alone`. ``context=page.context`` opens
     another tab of the same browser. Any console error that `allow` (a regular expression) does not
     find, and any request to anybody but the server, fails the test when it ends; `offline` allows
     the errors of a browser whose server is away. When the test ends, anna's browser forgets what
@@ -306,9 +306,11 @@ def browse(profiles, annas):
     """
     opened, own = [], []
 
-    def start(server, place="", *, who="anna", context=None, allow=None, offline=False, **options):
-        if context is None and (who != "anna" or options):
-            context = profiles.make(who, **options)
+    def start(
+        server, place="", *, who="anna", alone=False, context=None, allow=None, offline=False
+    ):
+        if context is None and (alone or who != "anna"):
+            context = profiles.make(who)
             own.append(context)
         patterns = allow, _OFFLINE if offline else None
         page = profiles.open(context or annas, server.url, place, *patterns)

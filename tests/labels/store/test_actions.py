@@ -124,6 +124,15 @@ def test_the_next_undo_and_redo_are_known(store):
     assert _redo(store, "r2") is None
 
 
+def test_histories_are_kept_apart_by_annotator_mission_and_grid(store):
+    coarse = replace(_action("coarse", _change("reef")), grid=Grid(5, 5))
+    store.apply(_action("ben", _change("reef"), who="ben"))
+    store.apply(_action("m", _change("reef"), mission="b"))
+    store.apply(coarse)
+    assert _undo(store, "u") is None
+    assert store.undo("ann", "dive", Grid(5, 5), "u2", TIME).changed == 1
+
+
 def test_undo_of_something_else_than_meant_is_refused(store):
     store.apply(_action("k1", _change("reef")))
     store.apply(_action("k2", _change("sand", "reef"), kind="accept"))

@@ -150,7 +150,7 @@ def test_an_answer_from_before_a_change_does_not_hide_it(open_frame, server):
 
 def test_only_the_person_says_who_works_here_also_without_a_server(open_frame, server):
     server.paint("ben-33", 33, [5], "reef", who="ben")
-    view = open_frame(33, offline=True)
+    view = open_frame(33, offline=True, alone=True)  # somebody else works there in the end
     view.point(5)
     view.shows("#status", "ben: reef")
     server.kill()

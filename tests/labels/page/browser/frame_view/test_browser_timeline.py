@@ -85,6 +85,7 @@ def test_bands_show_the_classes_that_i_gave_at_once_and_nobody_elses(strip, serv
     someone = "who => import('/static/core/mission.js').then(({ setPerson }) => setPerson({ who }))"
     strip.page.evaluate(someone, "ben")
     assert until(lambda: reef in strip.colours(31))
+    strip.page.evaluate(someone, "anna")
 
 
 PLAYS = """on => document.querySelector(".player button").getAttribute("aria-pressed") === on"""
@@ -131,6 +132,9 @@ def test_whatever_labels_or_steps_stops_it_and_labels_nothing(view, server):
         plays(view, "false")
         view.saved()
         assert server.get("/api/mission")["event"] == event, act
+    view.open(13)
+    view.label("1", 0)
+    assert view.stored(13) == {0: "ocean"}
 
 
 def test_frames_that_come_late_are_passed_over_and_the_rate_is_what_is_reached(open_frame):
