@@ -37,10 +37,15 @@ def count_live(streams: int, codec: str = "h264", seed: int = 1) -> Counted:
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
             for number in range(streams):
-                film = films[number % 2 if rng.random() < 0.3 else 0]
-                begin = {"ssrc": rng.randrange(1 << 32), "seq": rng.randrange(MAX_SEQ)}
-                begin["timestamp"] = rng.randrange(MAX_TIMESTAMP)
-                packets = rtp_packets(film, codec, mtu=400, report_every=10, **begin)
+                packets = rtp_packets(
+                    films[number % 2 if rng.random() < 0.3 else 0],
+                    codec,
+                    mtu=400,
+                    ssrc=rng.randrange(1 << 32),
+                    seq=rng.randrange(MAX_SEQ),
+                    timestamp=rng.randrange(MAX_TIMESTAMP),
+                    report_every=10,
+                )
                 faults = {"reorder": 0.02, "duplicate": 0.02, "garbage": 0.02}
                 network = Network(number, loss=rng.choice(_LOSSES), **faults)
                 began = time.monotonic()
