@@ -147,8 +147,6 @@ def label_store_empty(world):
     assert not (world.folder / ".tokt" / "labels.db").exists()
 
 
-# --- the table: what is spoilt, the command, what the line must say ----------------------------
-
 CASES = {
     # missions
     "mission missing": (nothing, f"{BUILD} --mission nowhere", "mission nowhere does not exist"),

@@ -278,8 +278,6 @@ def _signature(files: Files, rng: Random, others: Others) -> Files:
     return {FILE: zip_bytes({**_members_of(files[FILE]), SIGNATURE: text})}
 
 
-# --- models that are sound as far as this machine's own arithmetic goes ---
-
 _WHOLE = (0, 1, 2, 3, 4, 8, 16, 24, 31, 32, 33, 63, 64, 65, 121, 255, 257, 1000, 10**6, 2**31, -1)
 _PARTS = ("ratio", "difference", "frame", "bilinear", "range", "mean", "min")
 _GRIDS = ((1, 1), (2, 2), (1, 9), (9, 1), (3, 4), (40, 40), (10, 10))

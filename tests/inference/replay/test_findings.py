@@ -204,9 +204,6 @@ def test_a_model_of_two_classes_has_no_findings(make_mission, bundle_file, tmp_p
     refused("need a model of several classes", "findings", log, "-o", tmp_path / "out.csv")
 
 
-# ---- What is drawn frame by frame
-
-
 def track(frames, along_m=None, classes=("damage", "net", "pipe")):
     """A track of frames that show these patches by class."""
     known = [

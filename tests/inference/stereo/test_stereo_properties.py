@@ -168,8 +168,6 @@ def test_a_good_pair_is_an_obstacle_whatever_came_before_it(kind, before):
     assert verdict.status == OBSTACLE, verdict.health
 
 
-# --- geometry ---
-
 part = st.floats(-1, 1)
 
 

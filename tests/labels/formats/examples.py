@@ -76,8 +76,6 @@ def some_records(cameras=("left", "right"), grids=GRIDS):
     )
 
 
-# --- files of other tools
-
 # What DIVE writes: 2x2 patches of the 10x10 grid are 36.2 px wide and 26.9 px high here (the
 # resized frame is 360x272, so a patch is 18.1 x 13.6 px of the 181x137 frame).
 DIVE = """# 1: Detection or Track-id,2: Video or Image Identifier,3: Unique Frame Identifier

@@ -113,9 +113,6 @@ def as_text(frame):
     return base64.b64encode(png(frame)).decode()
 
 
-# --- what it takes --------------------------------------------------------------------------------
-
-
 def test_arrays(model, frames, expected):
     assert {judged.verdict.status for judged in expected} == {-1, 0, 1}
     table = model.predict(np.stack(frames))
@@ -226,9 +223,6 @@ def test_frames_of_one_call_are_one_dive(model, tiny_bundle, frames):
         loaded.predict(frames[0], params={"independent": "often"})
 
 
-# --- as MLflow has it -----------------------------------------------------------------------------
-
-
 def test_its_bundle_is_the_exported_one(trained, tiny_bundle, tmp_path):
     Registry(trained)
     folder = mlflow.artifacts.download_artifacts("models:/tiny-lbp/1", dst_path=str(tmp_path))
@@ -305,9 +299,6 @@ def test_the_page_about_it_says_what_works(workspace, tiny, monkeypatch):
         assert f"`{column}`" in page or column == "model"
 
 
-# --- the number -----------------------------------------------------------------------------------
-
-
 def train_again(workspace):
     return json.loads(succeeds(*TRAIN, "--json", "--workspace", workspace).out)["model"]
 
@@ -371,9 +362,6 @@ def test_killed_before_a_wrong_number_was_withdrawn(workspace, monkeypatch):
     said = "model tiny-lbp/2: its bundle is of tiny-lbp/7"
     refuses(said, mlflow.pyfunc.load_model, "models:/tiny-lbp/2")
     assert Registry(workspace).next_number("tiny-lbp") == 3
-
-
-# --- served ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture

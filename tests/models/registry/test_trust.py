@@ -162,9 +162,6 @@ def export_refused(words, workspace, model="tiny-lbp", *options):
     assert not out.exists()
 
 
-# --- no pickle ------------------------------------------------------------------------------------
-
-
 class Payload:
     """What makes a folder when it is unpickled."""
 
@@ -221,9 +218,6 @@ def test_mlflow_may_forbid_pickles(workspace, tiny_bundle, monkeypatch):
     monkeypatch.setenv("MLFLOW_ALLOW_PICKLE_DESERIALIZATION", "false")
     assert export(workspace)[0] == tiny_bundle.read_bytes()
     hold_row("`MLFLOW_ALLOW_PICKLE_DESERIALIZATION=false`", "as without it", "nothing")
-
-
-# --- what version 0.1.0 registered ----------------------------------------------------------------
 
 
 def test_a_version_of_before_there_were_bundles_gives_the_same_bundle(workspace, tiny_bundle):
@@ -316,9 +310,6 @@ def test_a_recipe_that_is_none_or_has_other_values_is_one_line(old):
         edit_recipe(old, **edit)
         export_refused("tiny-lbp/1", old)
     hold_row("a registered model whose recipe is damaged", "refused: `its recipe.json`", "nothing")
-
-
-# --- hashes and signatures ------------------------------------------------------------------------
 
 
 def test_an_edited_file_is_not_what_was_registered(workspace):
@@ -441,9 +432,6 @@ def test_a_signature_that_is_none(pair, key_files, value, words):
     export_refused(words, pair, "tiny-haralick", "--sign", key_files["boat"])
 
 
-# --- what training reads of a run -----------------------------------------------------------------
-
-
 def test_parameters_of_a_run_that_do_not_fit(pair):
     """They stand in the database, without hashes."""
     words, where = "model tiny-lbp/1: its list of parameters does not fit", ("--workspace", pair)
@@ -495,8 +483,6 @@ def test_names_in_the_database_move_no_cursor(workspace):
     assert listed.startswith(r"\x1b[2J/1") and listed.replace("\n", "").isprintable()
     assert r"\x9b1A\u202e on" in listed
 
-
-# --- an operating point that never warns ----------------------------------------------------------
 
 SILENT = OperatingPoint(MofNRule(margin=1e6))
 
@@ -551,9 +537,6 @@ def test_a_rule_over_frames_is_held_to_a_frame_that_stays(tiny_bundle):
     ):
         content = replace(honest.content, operating_point=OperatingPoint(rule))
         assert bool(bundle_from_bytes(bundle_bytes(content), "x").silence) == silent
-
-
-# --- where the files are --------------------------------------------------------------------------
 
 
 def test_a_moved_workspace_is_whole(workspace, tiny_bundle, tmp_path):

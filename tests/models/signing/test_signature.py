@@ -151,9 +151,6 @@ def test_no_signature_member_makes_another_error(data):
     refuses("", signature_from_bytes, data, "file")
 
 
-# --- attacks
-
-
 def test_no_signature_or_one_of_another_key_bundle_or_manifest(guarded, bundles, keys, signed):
     plain, theirs = bundles["b"].data, keys["other"].sign(bundles["b"], "b")
     claim = dataclasses.replace(theirs.signature, key_id=keys["boat"].public.id)
@@ -258,9 +255,6 @@ def test_archives_made_to_trip_the_reader(bundles):
     tail = struct.pack("<4s4H2IH", b"PK\5\6", 0, 0, 2, 2, len(directory), begin, 0)
     data = outer[:begin] + directory + tail
     refuses("the members are larger than the file", signed_parts, data, "file")
-
-
-# --- the keys a store trusts
 
 
 def test_who_signed_stands_in_the_history(guarded, keys, signed):
@@ -465,9 +459,6 @@ def test_without_cryptography_a_store_with_keys_refuses(guarded, signed, tmp_pat
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines == ["signatures need cryptography: install the extra 'sign'"] * 5 + ["b/2"]
-
-
-# --- key files
 
 
 def test_keygen_never_replaces_a_file(tmp_path):

@@ -246,9 +246,6 @@ def test_a_store_that_cannot_be_written_is_told_not_raised(store, bundles):
     assert not list(store.path.glob(".partial-*"))
 
 
-# --- the check beside a running runtime
-
-
 def test_a_process_checks_the_active_bundle(store, bundles, capsys):
     done = run_python("-m", "tokt.models.store.check_active", store.path)
     c = bundles["c"]

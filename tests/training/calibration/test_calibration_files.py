@@ -224,8 +224,6 @@ def test_two_files_share_the_parts_of_one_calibration(tmp_path):
     assert not (tmp_path / "no.yml").exists()
 
 
-# --- properties ---
-
 inside = st.floats(-1, 1)
 
 

@@ -147,9 +147,6 @@ def test_two_classes_of_one_side_are_compared_by_macro_f1():
     assert measure.figure(counts.sum(axis=0)) == pytest.approx(expected)
 
 
-# --- two models' F1 ---------------------------------------------------------------------------
-
-
 def _patches(seed, n_blocks=12, each=200):
     rng = np.random.default_rng(seed)
     truth = rng.random(n_blocks * each) < 0.3
@@ -175,9 +172,6 @@ def test_one_lucky_block_of_many_is_no_difference():
     first = truth.copy()
     second = np.where(groups == groups[0], ~truth, truth)
     assert compare_f1(truth, first, second, groups).verdict == "cannot tell"
-
-
-# --- words on a learning curve ----------------------------------------------------------------
 
 
 def _curve(low, high):

@@ -159,9 +159,6 @@ def test_a_record_of_format_1_is_shown_and_a_damaged_one_is_said(registered, don
         refuses("is damaged, or a newer", lambda: registered.registry.find(BAD).promotions)
 
 
-# --- the gate itself ---------------------------------------------------------------------------
-
-
 @pytest.fixture
 def judged(three):
     """Two models that judge alike, on two dives: the tiny mission's halves."""

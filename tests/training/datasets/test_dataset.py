@@ -74,9 +74,6 @@ def inputs(mission, labels=None):
     return "--mission", mission.path, "--labels", labels or mission.labels
 
 
-# --- what the hash covers ----------------------------------------------------------------------
-
-
 @pytest.mark.process
 def test_same_inputs_same_hash_in_another_process_and_workspace(tiny, trained, tmp_path):
     command = ("dataset", "build", "other-name", "--json", "--block", 4, *inputs(tiny))
@@ -211,9 +208,6 @@ def test_diff_says_what_changed_between_two_versions(
     refused("has been changed on disk", *words)
 
 
-# --- what a dataset holds ----------------------------------------------------------------------
-
-
 def test_unsure_is_counted_and_never_stored(trained, tiny_truth, told):
     info = told("dataset", "show", "tiny", "--workspace", trained)
     rows = tiny_truth.labels()
@@ -305,9 +299,6 @@ def test_a_refused_build_leaves_nothing(own_tiny, tmp_path, refused):
     assert list((tmp_path / "ws" / "datasets").iterdir()) == []
 
 
-# --- what is found out when it was changed on disk ---------------------------------------------
-
-
 @pytest.fixture
 def stored(workspace):
     """The folder of a dataset that a test may damage, in a workspace without feature cache."""
@@ -344,9 +335,6 @@ def test_a_damaged_file_is_one_clear_line(stored, name, how, refused):
     if how == "truncated":
         path.write_bytes(data[: len(data) // 2])
     refused("damaged", *training_on(stored))
-
-
-# --- yesterday's and tomorrow's format ---------------------------------------------------------
 
 
 @pytest.fixture
@@ -407,9 +395,6 @@ def test_a_newer_format_is_refused(format_1):
     refuses("newer than this tokt reads", open_dataset, "old", format_1)
 
 
-# --- folders of patches ------------------------------------------------------------------------
-
-
 def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(cut, done, told, refused):
     where = ("--workspace", cut.workspace)
     info = told("dataset", "show", "cut", *where)
@@ -446,9 +431,6 @@ def test_a_class_in_few_places_is_warned_of_when_built(tiny, tiny_truth, tmp_pat
         "WARNING: reef is in 1 group of frames only: it cannot be held out, so training will "
         "refuse; label it in 5 or more",
     ]
-
-
-# --- missions and their names ------------------------------------------------------------------
 
 
 def test_one_mission_cannot_be_given_twice(tiny, tmp_path, refused):

@@ -219,9 +219,6 @@ def test_a_frame_the_runtime_cannot_judge_is_no_correct_clear(evaluate, tiny_bun
     assert after["mission_in_training"] is True
 
 
-# --- ready-cut patches -------------------------------------------------------------------------
-
-
 def test_ready_cut_patches(done, refused, cut_patches, cut, tiny_bundle, tmp_path):
     space, other = ("--workspace", cut.workspace), cut_patches(tmp_path / "other", 2, 20)
     command = ("evaluate", "cut-lbp", *space, "--patches")
@@ -264,9 +261,6 @@ def test_how_often_patches_are_what_they_are_called_by_margin():
     assert far["at_least"] == pytest.approx(0.05 ** (1 / 40))
     assert (hit["obstacle"], hit["low"], hit["n"]) == (True, 0.25, 60)
     assert right_by_margin(truth[:0], score[:0]) == []
-
-
-# --- reliability -------------------------------------------------------------------------------
 
 
 def test_how_often_patches_are_obstacles_by_decision_value():

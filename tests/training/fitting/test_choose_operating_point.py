@@ -73,9 +73,6 @@ def test_too_little_is_not_extrapolated():
         assert fit_exceedance_model(np.full(100, single), block, RATE) is None
 
 
-# --- a status as a number above a margin -------------------------------------------------------
-
-
 @settings(max_examples=scaled(80))
 @given(
     seed=st.integers(0, 10**6),
@@ -104,9 +101,6 @@ def test_a_statistic_exceeds_the_margin_where_the_runtime_says_obstacle(
     laid_out = FrameScores(frames, np.where(judged[:, None], scores, -np.inf), judged)
     found = laid_out.statistic(rule.min_patches, rule.m, rule.n)
     assert (found > rule.margin).tolist() == expected
-
-
-# --- the tiny mission: 40 frames of 100 patches, blocks of 4 -----------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -258,9 +252,6 @@ def test_targets_out_of_bounds(asked, message):
 def test_more_patches_than_a_frame_has_are_refused(fabricate):
     made = fabricate(["ocean", "reef"] * 10)
     refuses("frames of 1 patches never show 2", choose, made, np.zeros(20), least_patches=2)
-
-
-# --- figures -----------------------------------------------------------------------------------
 
 
 def test_figures_judge_each_frame_by_its_folds_rule(dataset, score):

@@ -65,9 +65,6 @@ def request_for(trained):
     return make
 
 
-# --- the same each time ------------------------------------------------------------------------
-
-
 ELSEWHERE = """
 import json, sys
 from pathlib import Path
@@ -100,9 +97,6 @@ def test_another_process_with_processes_of_its_own_trains_bit_identical_weights(
     assert metrics == content.metrics and rule == content.operating_point.rule.to_json()
     ((first,), (second,)) = ([*kept.glob("tiny-*.npy")] for kept in (trained / "cache", tmp_path))
     assert first.read_bytes() == second.read_bytes()
-
-
-# --- honest ------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -185,9 +179,6 @@ def test_choice_and_weights_of_a_fold_do_not_see_its_test_part(blocks, monkeypat
         assert np.array_equal(found.values[fold.test], clean.values[fold.test])
         others = np.setdiff1d(np.arange(300), fold.test)
         assert not np.array_equal(found.values[others], clean.values[others])
-
-
-# --- by dive -----------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -373,9 +364,6 @@ def test_the_split_of_a_run_that_an_older_tokt_logged_is_by_block():
             Split.logged({**logged, f"split_{name}": value})
 
 
-# --- figures -----------------------------------------------------------------------------------
-
-
 def test_held_out_metrics_against_scikit_learn(trained):
     registry = Registry(trained)
     metrics, held_out = registry.bundle("tiny-lbp").metrics, registry.held_out("tiny-lbp")
@@ -405,9 +393,6 @@ def test_figures_without_any_obstacle_or_any_alarm_are_none_not_zero():
     assert figures["per_class"]["b"] == {"precision": 0.0, "recall": None, "f1": 0.0, "n": 0}
     assert figures["per_class"]["c"]["precision"] is None
     assert np.isclose(figures["macro_f1"], 2 / 3)
-
-
-# --- presets -----------------------------------------------------------------------------------
 
 
 def test_thesis_preset_is_the_thesiss(request_for, tmp_path, no_progress):
@@ -530,9 +515,6 @@ def test_three_classes_are_scored_by_class(fabricate):
     assert figures["per_class"]["reef"]["recall"] == 0.9
 
 
-# --- very many patches -------------------------------------------------------------------------
-
-
 def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
     """Three dives, one of them short, and 12 patches of a rare class among 30,000."""
     rng = np.random.default_rng(5)
@@ -608,9 +590,6 @@ def test_of_very_many_patches_some_blocks_are_judged(what, fabricate, monkeypatc
     assert (np.isfinite(chosen.values[:, 0]) == judged).all()
 
 
-# --- class weights -----------------------------------------------------------------------------
-
-
 def test_class_weights_are_linearsvcs_and_the_simpler_choice_comes_first():
     rng = np.random.default_rng(3)
     targets = (np.arange(200) % 10 == 0).astype(np.int64)
@@ -634,9 +613,6 @@ def test_balanced_weights_are_chosen_where_they_score_better(blocks):
     chosen = choose_hyperparameters(*asked)
     assert chosen.choice == Hyperparameters(1e-4, "balanced")
     assert chosen.values.shape == (300, 1) and np.isfinite(chosen.values).all()
-
-
-# --- what cannot be trained on -----------------------------------------------------------------
 
 
 def test_features_that_nothing_can_be_learnt_from_are_refused(blocks):

@@ -67,9 +67,6 @@ def space_file(tmp_path_factory):
     return path
 
 
-# --- the space -----------------------------------------------------------------------------------
-
-
 def test_a_space_goes_from_simple_to_rich(space_file):
     space = read_space(space_file)
     simple_to_rich = [("fine", 6, 1), ("coarse", 12, 1), ("dead", 13, 1), ("both", 25, 1)]
@@ -119,9 +116,6 @@ def test_budgets():
     assert {text: budget_from(text) for text in asked} == asked
     for text in ("", "0", "1.5h", "10d", "٣m"):
         refuses("budget", budget_from, text)
-
-
-# --- the score and the rule ----------------------------------------------------------------------
 
 
 @settings(max_examples=scaled(50))
@@ -221,8 +215,6 @@ def test_by_dive_the_score_is_the_mean_of_the_dives():
     assert honest["score"] == pytest.approx(160 / 180)
 
 
-# --- what is kept on disk ------------------------------------------------------------------------
-
 FORMAT_1 = """{
  "format": 1,
  "choices": [[0.1, null], [1.0, "balanced"]],
@@ -284,9 +276,6 @@ def test_state_of_a_newer_tokt_is_one_line(tmp_path):
     header.write_text(header.read_text().replace('"format": 1', '"format": 2'), "utf-8")
     again = opened_state(tmp_path, {}, "sea", fresh=False)
     refuses("newer than this tokt reads", again.__enter__)
-
-
-# --- a whole search ------------------------------------------------------------------------------
 
 
 def begin_with_tiny(begun, trained, workspace):
@@ -367,9 +356,6 @@ def test_runs_are_parent_and_children_once(searched, told):
     assert {run.info.run_id for run in children} < {run.info.run_id for run in below}
     assert result["run_id"] in {run.info.run_id for run in below}
     assert {run.info.status for run in mine} == {"FINISHED"}
-
-
-# --- killed --------------------------------------------------------------------------------------
 
 
 def finished_trials(folder):
