@@ -42,7 +42,6 @@ def ends_with(error):
 
 @pytest.fixture
 def temporary(tmp_path, monkeypatch):
-    """The system's temporary folder."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     return tmp_path
 

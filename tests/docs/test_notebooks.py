@@ -18,7 +18,6 @@ pytestmark = pytest.mark.study
 
 @pytest.fixture(scope="module", params=sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda one: one.stem)
 def notebook(request):
-    """A notebook as it is committed."""
     return nbformat.read(request.param, as_version=4)
 
 

@@ -7,7 +7,6 @@ import pytest
 
 @pytest.fixture(scope="session")
 def mission(mission_dir):
-    """The real mission's folder."""
     return mission_dir
 
 
@@ -26,5 +25,4 @@ def colour():
 
 @pytest.fixture(scope="session")
 def gray(colour):
-    """`colour` in gray."""
     return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)

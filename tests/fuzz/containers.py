@@ -200,7 +200,6 @@ def changed_npz(data: bytes, rng: Random) -> bytes:
 
 @cache
 def _zeros(megabytes: int) -> bytes:
-    """So many megabytes of zeros, deflated."""
     packer, block = zlib.compressobj(9), bytes(1 << 20)
     return b"".join(packer.compress(block) for _ in range(megabytes)) + packer.flush()
 

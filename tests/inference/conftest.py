@@ -27,13 +27,11 @@ PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x271 frame
 
 @pytest.fixture(scope="session")
 def mission(mission_dir):
-    """The real mission's folder."""
     return mission_dir
 
 
 @pytest.fixture(scope="session")
 def calibration_path(mission):
-    """The real mission's calibration."""
     path = mission.parent / "calibration.yml"
     if not path.is_file():
         pytest.skip(f"the real mission's calibration is not at {path}")
@@ -61,7 +59,6 @@ def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
 
 @pytest.fixture(scope="session")
 def draw_frame():
-    """`draw`."""
     return draw
 
 
@@ -195,7 +192,6 @@ class HandClock:
         return self.suspended_s
 
     def suspend(self, seconds: float) -> None:
-        """Have the computer suspended."""
         self.suspended_s += seconds
         self.now += seconds
 

@@ -148,7 +148,6 @@ class Dive:
         self.give("fault", None, left_fault=fault, **more)
 
     def until(self, true: Callable[[], object]) -> None:
-        """Wait until something is true."""
         until(true, lambda: self.listener.reports)
 
     @contextmanager

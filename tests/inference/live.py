@@ -78,7 +78,6 @@ class HandSource:
         self.passed_on = 0
 
     def frame(self, left: NDArray[np.uint8] | None, age_s: float = 0.0, **more: object) -> Frame:
-        """The next frame."""
         self._number += 1
         arrived = self.clock.monotonic() - age_s
         now = self.clock.time()

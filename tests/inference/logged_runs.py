@@ -118,12 +118,10 @@ def log_run(
 
 
 def lines(path: Path) -> list[dict[str, Any]]:
-    """A file of JSON lines."""
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def write_lines(path: Path, values: Iterable[Any]) -> Path:
-    """Write one."""
     path.write_text("".join(json.dumps(value) + "\n" for value in values))
     return path
 

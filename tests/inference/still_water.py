@@ -32,7 +32,6 @@ def dithered(picture: Picture) -> Picture:
 
 
 def with_clock(picture: Picture, number: int) -> Picture:
-    """With a clock in its corner."""
     return np.asarray(cv2.putText(picture.copy(), f"{number}", (5, 20), 0, 0.6, (255,) * 3, 2))
 
 

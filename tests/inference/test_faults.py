@@ -555,7 +555,6 @@ def test_a_receiver_that_does_not_read():
 
 
 def test_localhost_is_where_labview_listens(monkeypatch):
-    """As where /etc/hosts has ::1 before 127.0.0.1."""
     real = socket.getaddrinfo
 
     def both(host: str, port: int, **more: Any) -> Any:

@@ -51,7 +51,6 @@ def small_content(seed=0, extractor="lbp", classes=TWO, name="small", channels=(
 
 @pytest.fixture(scope="session")
 def make_content():
-    """`small_content`."""
     return small_content
 
 
@@ -79,11 +78,9 @@ def key_files(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def keys(key_files):
-    """The keys in them."""
     return {name: read_signing_key(file, lambda: "") for name, file in key_files.items()}
 
 
 @pytest.fixture(scope="session")
 def signed(bundles, keys):
-    """The three models, signed by ``boat``."""
     return {name: keys["boat"].sign(bundle, name) for name, bundle in bundles.items()}

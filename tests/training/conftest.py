@@ -27,7 +27,6 @@ def told(done):
 
 @pytest.fixture(scope="session")
 def refused():
-    """`tests.calls.refused`."""
     return calls.refused
 
 

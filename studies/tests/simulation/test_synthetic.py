@@ -47,7 +47,6 @@ SHORT = 20
 
 @pytest.fixture(scope="module")
 def short_missions(tmp_path_factory):
-    """Missions of six seeds."""
     root = tmp_path_factory.mktemp("seeds")
     size = {"n_frames": SHORT, "width": 360, "jobs": 1}
     folders = {seed: root / str(seed) for seed in range(1, 7)}

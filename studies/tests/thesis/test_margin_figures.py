@@ -39,7 +39,6 @@ def mirrored(context, monkeypatch, thesis_map) -> pd.DataFrame:
 
 
 def in_place(patches: np.ndarray) -> np.ndarray:
-    """As `in_map`, without any undistortion."""
     there = (patches == 1).reshape(10, 10)
     return np.kron(there, np.ones((102, 136), bool))
 

@@ -46,7 +46,6 @@ def undrawn(coarse, request, monkeypatch):
 
 @pytest.fixture(autouse=True)
 def one_small_scene(monkeypatch):
-    """One narrow rendered pair, for time."""
     monkeypatch.setattr(centre_figures, "SCENES", (1,))
     monkeypatch.setattr(centre_figures, "FULL_WIDTH", WIDTH)
 

@@ -98,7 +98,6 @@ def test_levels(kernels, data, levels, threads):
 @fast
 @pytest.mark.parametrize("side", [181, 183, 255])
 def test_the_largest_boxes_of_a_saturated_picture(kernels, side):
-    """Their sums need all of 32 bits."""
     gray16 = np.full((260, 260), 255 * 256, np.uint16)
     assert (kernels.quantize(gray16, Quantization(1, 256, side)) == 255).all()
     assert (kernels.quantize(gray16, Quantization(8, 256, 1, side)) == 128).all()
@@ -107,7 +106,6 @@ def test_the_largest_boxes_of_a_saturated_picture(kernels, side):
 @fast
 @pytest.mark.parametrize("by", [DIFFERENCE, RATIO, FRAME])
 def test_levels_by_their_definition(kernels, by):
-    """Boxes cut out one by one."""
     gray16 = 256 * paint("gradient", (12, 15), 14, 3, 0).astype(np.uint16)
     gray16 += np.random.default_rng(2).integers(0, 256, gray16.shape, np.uint16)
 

@@ -61,7 +61,6 @@ class Ship:
         )
 
     def next(self) -> dict[str, Any]:
-        """The next datagram."""
         self.said.append(decode(self._receiver.recv(65535)))
         return self.said[-1]
 

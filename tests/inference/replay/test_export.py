@@ -80,7 +80,6 @@ def run_log(make_mission, bundle_file, tmp_path):
 
 
 def exported(log, target, *options):
-    """What `tokt replay --export --json` says."""
     return json.loads(succeeds("replay", log, "--export", target, "--json", *options).out)
 
 

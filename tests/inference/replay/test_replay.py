@@ -76,7 +76,6 @@ def logged(make_mission, log):
 
 
 def replayed(*arguments: object, code: int = 0) -> dict[str, Any]:
-    """What `tokt replay --json` says."""
     ran = call_tokt("replay", *arguments, "--json")
     assert ran.code == code, ran.err + ran.out
     return dict(json.loads(ran.out))

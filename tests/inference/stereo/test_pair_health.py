@@ -32,7 +32,6 @@ def water(level: float = 30, seed: int = 0) -> View:
 
 
 def with_texture(view: View, columns: slice) -> View:
-    """The same with something in it."""
     coarse = np.random.default_rng(9).normal(0, 10, (HEIGHT // 8, WIDTH // 8 + 1))
     texture = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
     view = view.copy()

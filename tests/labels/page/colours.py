@@ -15,5 +15,4 @@ def luminance(colours):
 
 
 def contrast(one, other):
-    """WCAG's contrast of two luminances."""
     return (np.maximum(one, other) + 0.05) / (np.minimum(one, other) + 0.05)

@@ -78,7 +78,6 @@ class PageServer:
         return code
 
     def connect(self):
-        """A connection of its own."""
         return http.client.HTTPConnection("127.0.0.1", self.port, timeout=MAX_S)
 
     def request(self, method, target, body=None, headers=None):
@@ -109,7 +108,6 @@ class PageServer:
         return answer.json
 
     def events(self, **query):
-        """Listen to ``/api/events``."""
         return EventStream(self, query)
 
     def paint(self, key, frame, cells, label, *, base=None, who="anna", camera="left", **more):
@@ -273,7 +271,6 @@ class Profiles:
             watched.check()
 
     def close(self, *contexts):
-        """Close these contexts, or all."""
         for context in contexts or [*self._watched]:
             context.close()
             self._watched.pop(context).check()

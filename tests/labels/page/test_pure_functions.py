@@ -65,7 +65,6 @@ EYES = {
 
 
 def rgb(text):
-    """Of ``#0a0b0c`` or ``rgb(10 11 12)``."""
     if text.startswith("#"):
         return np.array([int(text[at : at + 2], 16) for at in (1, 3, 5)])
     return np.array(re.findall(r"\d+", text), int)

@@ -366,7 +366,6 @@ def test_killed_before_a_wrong_number_was_withdrawn(workspace, monkeypatch):
 
 @pytest.fixture
 def served(trained, tmp_path):
-    """The address of ``mlflow models serve``."""
     words = ("models", "serve", "--env-manager", "local", "--model-uri", "models:/tiny-lbp/1")
     where = {"MLFLOW_TRACKING_URI": f"sqlite:///{trained / 'mlflow.db'}"}
     with mlflow_serves(tmp_path, "/ping", *words, **where, MLFLOW_MODELS_WORKERS="1") as url:

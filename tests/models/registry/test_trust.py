@@ -57,7 +57,6 @@ def run_folder(workspace, model="tiny-lbp"):
 
 
 def model_folder(workspace, model="tiny-lbp"):
-    """Where MLflow keeps a model."""
     recipe = json.loads((run_folder(workspace, model) / "recipe.json").read_text("utf-8"))
     model_id = recipe["provenance"]["mlflow_model_id"]
     return workspace / "mlartifacts" / "models" / model_id / "artifacts"
@@ -73,7 +72,6 @@ def skops_file(workspace):
 
 
 def set_tag(workspace, key, value):
-    """Change a tag of each version."""
     update = "UPDATE model_version_tags SET value = ? WHERE key = ?"
     change(workspace, (update, value, key))
 

@@ -24,7 +24,6 @@ SLIM = (
 
 @pytest.fixture
 def files(tmp_path, bundles):
-    """Bundle files of the three models."""
     found = {name: tmp_path / f"{name}.tokt" for name in bundles}
     for name, file in found.items():
         file.write_bytes(bundles[name].data)

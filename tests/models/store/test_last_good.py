@@ -31,7 +31,6 @@ def damage(store: Store, *bundles: Bundle) -> None:
 
 
 def runs(store: Store) -> tuple[str, str]:
-    """What runs, and all notes."""
     bundle, notes = load_running(store)
     return bundle.label, "\n".join(notes)
 

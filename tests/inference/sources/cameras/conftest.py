@@ -23,7 +23,6 @@ SHARED = ["-fvisibility=hidden", "-shared", "-fPIC", "-pthread"]
 
 @pytest.fixture(scope="session")
 def compiler():
-    """A C compiler."""
     found = shutil.which("gcc") or shutil.which("cc")
     if found is None or platform.machine() not in FOLDERS or sys.platform != "linux":
         pytest.skip("the simulated Vimba library needs a C compiler, on Linux")

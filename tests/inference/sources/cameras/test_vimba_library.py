@@ -22,7 +22,6 @@ def refusal() -> str:
 
 
 def library_of(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where pymba looks for its library."""
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(folder / "Tl" / "CTI" / "x86_64bit"))
     library = folder / "VimbaC" / "DynamicLib" / FOLDERS[platform.machine()] / "libVimbaC.so"
     library.parent.mkdir(parents=True)

@@ -101,7 +101,6 @@ def open_encoder(
 
 
 def decoder_of(codec: str) -> Any:
-    """A plain decoder of one thread."""
     decoder: Any = av.CodecContext.create({"h264": "h264", "h265": "hevc"}[codec], "r")
     decoder.thread_count = 1
     return decoder

@@ -150,7 +150,6 @@ def sender_report(ssrc: int, t: float, timestamp: int, sent: int, octets: int) -
 
 
 def sequence_of(packet: bytes) -> int:
-    """A packet's sequence number."""
     return int.from_bytes(packet[2:4], "big")
 
 

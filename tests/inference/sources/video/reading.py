@@ -15,7 +15,6 @@ class Newest(NewestReading):
         pass
 
     def next(self):
-        """The next reading."""
         return until(lambda: self.take(0.1))[1]
 
 

@@ -36,7 +36,6 @@ PICTURES = [jpeg(number) for number in range(4)]
 
 
 def reads(url):
-    """What is read of an address."""
     return reading(read_mjpeg, url)
 
 
@@ -59,7 +58,6 @@ def server(answer):
             self.end_headers()
 
         def sends(self, *pictures, head=b""):
-            """Send pictures, one after the other."""
             told = ((head + b"Content-Length: %d\r\n\r\n" % len(p), p) for p in pictures)
             self.wfile.write(b"".join(b"--b\r\n" + head + p + b"\r\n" for head, p in told))
             self.wfile.flush()

@@ -59,7 +59,6 @@ def marked(packet, on):
 
 
 def stamped(packet, shift):
-    """A packet with another time stamp."""
     stamp = (int.from_bytes(packet.data[4:8], "big") + shift).to_bytes(4, "big")
     return replace(packet, data=packet.data[:4] + stamp + packet.data[8:])
 

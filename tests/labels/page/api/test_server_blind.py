@@ -40,7 +40,6 @@ def server(page_server, tiny_bundle, tmp_path_factory):
 
 
 def _see(server, *, blind, who="anna"):
-    """Let somebody label blind, or see."""
     assert server.post("/api/blind", who=who, blind=blind) == {"blind": blind}
     return server
 

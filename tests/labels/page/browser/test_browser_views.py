@@ -142,7 +142,6 @@ def patches(page, which=""):
 
 
 def selected(page):
-    """The selected patches."""
     return patches(page, "[aria-selected=true]")
 
 

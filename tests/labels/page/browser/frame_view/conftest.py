@@ -143,7 +143,6 @@ def view(tab, profiles):
 
 @pytest.fixture(scope="session")
 def frame_page():
-    """`FramePage`."""
     return FramePage
 
 
