@@ -149,10 +149,6 @@ def sender_report(ssrc: int, t: float, timestamp: int, sent: int, octets: int) -
     return head + report + struct.pack("!BBH", 0x81, _DESCRIPTION, len(items) // 4) + items
 
 
-def sequence_of(packet: bytes) -> int:
-    return int.from_bytes(packet[2:4], "big")
-
-
 def follow(*captures: list[Packet], gap_s: float = 0.1) -> list[Packet]:
     """Captures one after the other: a sender that starts anew, or changes its pictures."""
     made: list[Packet] = []
