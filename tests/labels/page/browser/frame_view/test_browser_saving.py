@@ -226,7 +226,7 @@ def test_without_storage_nothing_is_taken_while_the_server_is_away(open_frame, s
 
 def test_another_mission_on_the_same_port_gets_none_of_it(open_frame, server, own_tiny):
     other = own_tiny.path.rename(own_tiny.path.with_name("elsewhere"))
-    view = open_frame(22, offline=True, allow="421")
+    view = open_frame(22, offline=True, alone=True, allow="421")
     server.kill()
     view.label("3", 50)
     view.state("offline")
