@@ -10,6 +10,7 @@ from contextlib import closing
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -142,6 +143,18 @@ def test_undo_of_something_else_than_meant_is_refused(store):
     refuses("something else", _redo, store, "r", target="k1")
 
 
+def test_a_step_that_could_change_nothing_makes_way_for_the_next(store):
+    store.apply(_action("k1", _change("reef", col=1)))
+    store.apply(_action("k2", _change("reef")))
+    store.add([_said("sand")])
+    assert _undo(store, "u").conflicts
+    assert [head and head.key for head in store.history_top(*WHERE)] == ["k1", None]
+    assert _undo(store, "u2").changed == 1
+    store.add([_said("sand", col=1)])
+    assert _redo(store, "r").conflicts
+    assert store.history_top(*WHERE) == (None, None)
+
+
 def test_what_is_sent_twice_counts_once(store):
     assert _undo(store, "idle") is None
     paint = _action("k", _change("reef"), _change("reef", "sand", col=1))
@@ -177,7 +190,9 @@ def test_actions_that_cannot_be(changes, message):
     refuses(message, replace, _action("k", _change("reef")), **changes)
 
 
-def test_events_are_read_in_the_order_in_which_they_were_written(store):
+@pytest.mark.parametrize("chunk", [1, 2, 100])
+def test_events_are_read_in_pieces_also_what_comes_meanwhile(store, monkeypatch, chunk):
+    monkeypatch.setattr("tokt.labels.store.store._CHUNK", chunk)
     for n in range(3):
         store.apply(_action(f"k{n}", _change("reef", col=n), _change("sand", frame=n + 2)))
         store.add([replace(_said("reef"), mission="transit", col=n)])
@@ -186,6 +201,10 @@ def test_events_are_read_in_the_order_in_which_they_were_written(store):
     assert [row[0] for row in store.rows_after(5, "dive", GRID)] == [6, 9, 10]
     assert list(store.rows_after(0, "dive", Grid(5, 5))) == []
     assert store.last_event() == 12
+    reading = store.rows_after(6, "dive", GRID)
+    assert next(reading)[0] == 9
+    store.apply(_action("k", _change("sand", col=9)))
+    assert [row[0] for row in reading] == ([10, 13] if chunk < 100 else [10])
 
 
 def test_an_undo_brings_back_whether_the_label_was_given_blind(store):
@@ -223,6 +242,23 @@ def test_a_frame_that_was_seen_waits_for_nobody(store, monkeypatch):
         other.execute("BEGIN IMMEDIATE")
         store.mark_seen("dive", "left", 3, "ann", TIME)
         refuses("locked", store.mark_seen, "dive", "left", 4, "ann", TIME)
+
+
+def test_who_waited_long_for_a_thread_still_waits_for_a_process(store, monkeypatch):
+    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        now = [0.0]
+
+        class LateLock(type(store._lock)):
+            def __enter__(self):
+                now[0] = 1000.0
+                return super().__enter__()
+
+        clock = SimpleNamespace(monotonic=lambda: now[0], sleep=lambda s: other.commit())
+        monkeypatch.setattr(store_module, "time", clock)
+        monkeypatch.setattr(store, "_lock", LateLock())
+        store.apply(_action("k", _change("reef")))
+    assert _labels(store)
 
 
 def test_data_version_tells_of_every_write(store):

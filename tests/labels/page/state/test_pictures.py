@@ -244,6 +244,16 @@ def test_a_frame_of_fewer_pixels_than_patches_gives_crossed_out_tiles(tmp_path):
     assert sheet[20, 20] > 140 and abs(int(sheet[20, 5]) - 70) < 20
 
 
+def test_a_frame_is_decoded_once_for_all_its_patches(tmp_path):
+    mission = numbered_patches(tmp_path)
+    reads, read = [], mission.read
+    mission.read = lambda frame, camera: reads.append(frame) or read(frame, camera)
+    pictures = PatchPictures(mission, Grid())
+    cells = [("left", frame, cell) for cell in range(20) for frame in (1, 2)]
+    first = pictures.sprite(cells)
+    assert pictures.sprite(cells) == first and sorted(reads) == [1, 2]
+
+
 @pytest.mark.mission
 def test_the_tower_of_frame_140_can_be_seen(mission_dir):
     frame = open_mission(mission_dir).read(140)

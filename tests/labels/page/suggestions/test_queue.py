@@ -136,3 +136,11 @@ def test_with_two_cameras_and_several_classes_the_reason_says_so():
     (entry,) = next_frames(several, [("right", 10)], 1)
     assert re.match(r"5 patches within [\d.]+ of a second class; looks ", entry.why)
     assert re.search(r"(left|right) frame 10\)?$", entry.why)
+
+
+def test_margins_of_any_size_will_do():
+    small = dive(100, {30: 5, 60: 9})
+    large = replace(small, values=small.values * 1e4)
+    none = replace(small, values=np.zeros((100, PATCHES)))
+    assert names(next_frames(small, [], 20)) == names(next_frames(large, [], 20))
+    assert next_frames(none, [], 1)[0].why.startswith("20 patches within 0 of the threshold")
