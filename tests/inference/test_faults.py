@@ -11,8 +11,8 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -144,41 +144,21 @@ def test_a_frame_that_cannot_be_judged(fault):
     row(fault, outcome, f"frames by reason: {reason.value} +{outcome.summary.reasons[reason]}")
 
 
-def with_a_datagram_lost() -> list[Fault]:
-    """What is said of MPEG-TS from a lost datagram to the next key picture."""
+def with_a_datagram_lost(dive: Dive) -> None:
+    """Give what is said of MPEG-TS from a lost datagram to the next key picture."""
     packets = [packet.data for packet in transport_stream(encode(frames=60, key_every=15))]
     reader = TransportReader()
     readings = [done for data in packets[:40] + packets[41:] for done in reader.datagram(data, 0.0)]
     first = next(place for place, reading in enumerate(readings) if not reading.fault)
-    return [reading.fault for reading in readings[first:] if reading.fault]
+    for reading in readings[first:]:
+        if reading.fault:
+            dive.fault(reading.fault)
 
 
-def of_a_jpeg_with_a_hole() -> list[Fault]:
+def of_a_jpeg_with_a_hole(dive: Dive) -> None:
     data = cv2.imencode(".jpg", noise(60, 9))[1].tobytes()
     with jpeg_decoder() as decode:
-        return [decode(data[:9000] + data[9900:])[1]]
-
-
-VIDEO = {
-    "a datagram of network video is lost: no picture up to the next key picture": (
-        with_a_datagram_lost,
-        "frames by reason: incomplete +1, damaged",
-    ),
-    "a JPEG of a stream or a USB camera of which a part is missing": (
-        of_a_jpeg_with_a_hole,
-        "frames by reason: incomplete +1",
-    ),
-}
-
-
-@pytest.mark.parametrize("fault", VIDEO)
-def test_video_of_which_something_is_missing(fault):
-    made, counted = VIDEO[fault]
-    dive = Dive()
-    with dive.fault_between():
-        for each in made():
-            dive.fault(each)
-    row(fault, finish(dive), counted)
+        dive.fault(decode(data[:9000] + data[9900:])[1])
 
 
 class ColourDive(Dive):
@@ -443,6 +423,23 @@ def hanging(what: str) -> Callable[[Dive], None]:
     return hang
 
 
+def suspend(dive: Dive) -> None:
+    """The computer stands still for 5 s; then what is said first is that nothing was."""
+    with dive.something_said():
+        dive.clock.suspend(5.0)
+
+
+def suspended(what: str) -> Callable[[Dive], None]:
+    def happens(dive: Dive) -> None:
+        dive.detector.before = lambda frame: suspend(dive)
+        dive.give("fault", dive.picture(what))
+        dive.detector.before = lambda frame: None
+        dive.give("fault", dive.picture("clear"))  # it may have been taken before
+        dive.silence()
+
+    return happens
+
+
 def frozen_or_black(dive: Dive) -> None:
     seen = water(STILL)
     dive.give("clear", seen)
@@ -452,6 +449,7 @@ def frozen_or_black(dive: Dive) -> None:
 
 
 LATE = "frames by reason: late +1; heartbeats"
+AND_STALE = "frames by reason: late +1, stale; heartbeats"
 BETWEEN: dict[str, tuple[Callable[[Dive], None], str]] = {
     "a frame older than `--stale` when it comes": (too_old, "frames by reason: stale +1"),
     "frames stop coming": (silent, "heartbeats"),
@@ -463,6 +461,16 @@ BETWEEN: dict[str, tuple[Callable[[Dive], None], str]] = {
         frozen_or_black,
         "frames by reason: dark +1, frozen +5",
     ),
+    "a datagram of network video is lost: no picture up to the next key picture": (
+        with_a_datagram_lost,
+        "frames by reason: incomplete +1, damaged",
+    ),
+    "a JPEG of a stream or a USB camera of which a part is missing": (
+        of_a_jpeg_with_a_hole,
+        "frames by reason: incomplete +1",
+    ),
+    "the computer is suspended while a clear frame is judged": (suspended("clear"), AND_STALE),
+    "the computer is suspended while an obstacle is judged": (suspended("obstacle"), AND_STALE),
 }
 
 
@@ -616,28 +624,30 @@ def mavlink_dive(address: str) -> tuple[Dive, MavlinkSender]:
     return dive, sender
 
 
-def test_a_mavlink_link_whose_other_end_does_not_read():
+@contextmanager
+def over_tcp() -> Iterator[tuple[Dive, MavlinkSender, socket.socket]]:
+    """Give a dive that is under way, its sender over TCP, and that link's other end."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(MAX_S)
         dive, sender = mavlink_dive(f"tcp:127.0.0.1:{server.getsockname()[1]}")
         channel, _ = server.accept()
         with channel, dive.fault_between():
-            # Whoever waited for the other end would wait for ever.
-            until(lambda: [sender._to.write(bytes(1000)) for _ in range(100)] and sender.failed)
+            yield dive, sender, channel
         sender.close()
+
+
+def test_a_mavlink_link_whose_other_end_does_not_read():
+    with over_tcp() as (dive, sender, _):
+        # Whoever waited for the other end would wait for ever.
+        until(lambda: [sender._to.write(bytes(1000)) for _ in range(100)] and sender.failed)
     row("a MAVLink link over TCP whose other end does not read", finish(dive), "sent, then failed")
 
 
 def test_a_mavlink_link_whose_other_end_sends_garbage():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(MAX_S)
-        dive, sender = mavlink_dive(f"tcp:127.0.0.1:{server.getsockname()[1]}")
-        channel, _ = server.accept()
-        with channel, dive.fault_between():
-            for garbage in (bytes(9000), b"\xfd" * 9000, RNG.bytes(9000)):
-                channel.sendall(garbage)
-                dive.give("clear")
-        sender.close()
+    with over_tcp() as (dive, sender, channel):
+        for garbage in (bytes(9000), b"\xfd" * 9000, RNG.bytes(9000)):
+            channel.sendall(garbage)
+            dive.give("clear")
     assert sender.sent > 0
     row("a MAVLink link whose other end sends garbage", finish(dive), "sent")
 
@@ -816,31 +826,6 @@ def test_a_live_view_that_fails(fault, monkeypatch):
     counted = "event `view_lost`" if VIEWS[fault] else "nothing"
     assert [event.name for event in told] == ["view_lost"] * bool(VIEWS[fault])
     row(fault, finish(dive), counted)
-
-
-def suspend(dive: Dive) -> None:
-    """The computer stands still for 5 s; then what is said first is that nothing was."""
-    with dive.something_said():
-        dive.clock.suspend(5.0)
-
-
-@pytest.mark.parametrize(
-    ("what", "fault"),
-    [
-        ("clear", "the computer is suspended while a clear frame is judged"),
-        ("obstacle", "the computer is suspended while an obstacle is judged"),
-    ],
-)
-def test_a_suspend_while_a_frame_is_judged(what, fault):
-    dive = Dive()
-    with dive.fault_between():
-        dive.detector.before = lambda frame: suspend(dive)
-        dive.give("fault", dive.picture(what))
-        dive.detector.before = lambda frame: None
-        dive.give("fault", dive.picture("clear"))  # it may have been taken before
-        dive.silence()
-    outcome = finish(dive)
-    row(fault, outcome, "frames by reason: late +1, stale; heartbeats")
 
 
 def test_a_suspend_while_a_frame_waits():
