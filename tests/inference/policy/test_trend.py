@@ -5,7 +5,9 @@ some patches, whole patches, frames without anything, times that are not even.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,12 +37,15 @@ LATER = 1_461_149_301.0
 """A time of day, seconds since 1970: nothing may hang on times being small."""
 
 
+def told(times: Iterable[float], means: Iterable[Any], whole: bool = True) -> list[Trend]:
+    """What is known after each mean."""
+    watch = TrendEstimator()
+    return [watch.add(float(t), mean, whole) for t, mean in zip(times, means, strict=True)]
+
+
 def after(means: list[float | None], step_s: float = STEP_S, whole: bool = True) -> Trend:
     """What is known after means at a regular pace."""
-    watch, last = TrendEstimator(), Trend()
-    for index, mean in enumerate(means):
-        last = watch.add(LATER + index * step_s, mean, whole)
-    return last
+    return told([LATER + index * step_s for index in range(len(means))], means, whole)[-1]
 
 
 def approach(n: int, contact_s: float, last_mean: float = 40.0) -> list[float | None]:
@@ -154,13 +159,9 @@ def test_nothing_older_than_the_horizon_has_a_part():
     rng = np.random.default_rng(3)
     times = LATER + np.cumsum(rng.uniform(0.05, 0.4, 120))
     means = rng.integers(0, 30, len(times)) * PATCH_MEAN
-    long = TrendEstimator()
-    all_ = [long.add(float(t), float(m)) for t, m in zip(times, means, strict=True)]
+    all_ = told(times, means)
     for begin in range(0, 60, 7):
-        late = TrendEstimator()
-        rest = [
-            late.add(float(t), float(m)) for t, m in zip(times[begin:], means[begin:], strict=True)
-        ]
+        rest = told(times[begin:], means[begin:])
         known = times[begin:] - times[begin] >= HORIZON_S
         assert known.sum() > 20
         pairs = zip(all_[begin:], rest, known, strict=True)
@@ -235,11 +236,13 @@ def curve(rng, rate_per_s, patches=None, fps=0.0) -> Curve:
 
 def answer(one: Curve) -> Trend:
     """The last trend that is told: one a curve, as the next frame's would be nearly the same."""
-    watch, last = TrendEstimator(), Trend()
-    for t, mean in zip(one.times, one.means, strict=True):
-        found = watch.add(float(t), float(mean))
-        last = found if found.trend is not None else last
-    return last
+    found = [each for each in told(one.times, one.means) if each.trend is not None]
+    return found[-1] if found else Trend()
+
+
+def share_sure(found: list[Trend], word: str) -> float:
+    """The share of those that say this word, and nine tenths surely or more."""
+    return sum(each.trend == word and (each.confidence or 0) >= 0.9 for each in found) / len(found)
 
 
 def truth(rate_per_s: float) -> str:
@@ -268,15 +271,14 @@ def test_a_confidence_of_nine_tenths_is_wrong_in_at_most_a_tenth(word, answers):
 
 def test_a_confidence_is_about_how_often_it_is_right(answers):
     for least, most in ((0.5, 0.7), (0.7, 0.9), (0.9, 1.01)):
-        told = [
+        sayings = [
             (true == found.trend, found.confidence)
             for true, found in answers
             if found.confidence is not None and least <= found.confidence < most
         ]
-        right = sum(good for good, _ in told) / len(told)
-        said = sum(confidence for _, confidence in told) / len(told)
+        right, said = np.mean(sayings, axis=0)
         # Two standard errors of the share; more right than said is no fault.
-        assert right >= said - 2 * math.sqrt(0.25 / len(told)), (least, right, said)
+        assert right >= said - 2 * math.sqrt(0.25 / len(sayings)), (least, right, said)
 
 
 @pytest.mark.parametrize(
@@ -293,17 +295,15 @@ def test_no_truth_is_often_taken_for_another(rate_per_s, wrong, most):
     rng = np.random.default_rng(6)
     found = [answer(curve(rng, rate_per_s)) for _ in range(150)]
     for word in wrong:
-        sure = sum(each.trend == word and (each.confidence or 0) >= 0.9 for each in found)
-        assert sure / len(found) <= most
+        assert share_sure(found, word) <= most
 
 
 def test_a_slope_through_few_means_is_less_sure():
     """Student's distribution, and not the normal one: five means have three degrees of freedom."""
     rng = np.random.default_rng(10)
     found = [answer(curve(rng, STEADY_PER_S, 8, fps=1.2)) for _ in range(500)]
-    told = [each for each in found if each.trend is not None]
-    sure = sum(each.trend == GROWING and (each.confidence or 0) >= 0.9 for each in told)
-    assert len(told) > 200 and sure / len(told) <= 0.11
+    sayings = [each for each in found if each.trend is not None]
+    assert len(sayings) > 200 and share_sure(sayings, GROWING) <= 0.11
 
 
 @pytest.mark.parametrize(("rate_per_s", "least_share"), [(0.1, 0.15), (0.2, 0.75), (0.4, 0.95)])
@@ -311,8 +311,7 @@ def test_growth_is_found(rate_per_s, least_share):
     """The other half of being honest: a way that never dares to say it would pass all else."""
     rng = np.random.default_rng(8)
     found = [answer(curve(rng, rate_per_s, 15)) for _ in range(100)]
-    sure = sum(each.trend == GROWING and (each.confidence or 0) >= 0.9 for each in found)
-    assert sure / len(found) >= least_share
+    assert share_sure(found, GROWING) >= least_share
 
 
 @pytest.mark.parametrize(("rate_per_s", "spread"), [(0.2, 0.35), (0.4, 0.21)])
@@ -321,9 +320,7 @@ def test_the_time_to_contact_is_right_within_its_spread(rate_per_s, spread):
     ratios = []
     for _ in range(100):
         one = curve(rng, rate_per_s, 20)
-        watch = TrendEstimator()
-        for t, mean in zip(one.times, one.means, strict=True):
-            found = watch.add(float(t), float(mean))
+        found = told(one.times, one.means)[-1]
         if found.contact_s is not None:
             ratios.append(found.contact_s / one.contact_s)
     assert len(ratios) >= 60
