@@ -13,6 +13,7 @@ from typing import Any
 import psutil
 import pytest
 
+from tests.inference.live import bound_socket
 from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring import watchdog
@@ -272,9 +273,7 @@ def test_a_runtime_whose_watchdog_died_while_it_started_knows_it(hand_clock):
 
 def test_a_runtime_that_is_told_to_end_or_that_nobody_hears_knows_it(hand_clock):
     """What tells it where a parent that has died goes on being named (Windows)."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
-        heard.bind(("127.0.0.1", 0))
-        heard.settimeout(MAX_S)
+    with bound_socket() as heard:
         port = heard.getsockname()[1]
         with closing(Notifier(hand_clock, {"TOKT_WATCHDOG": f"{port}:x:"})) as notifier:
             notifier.ready()

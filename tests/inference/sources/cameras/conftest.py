@@ -11,6 +11,7 @@ import pytest
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.report import Event
+from tokt.inference.sources.cameras.capture import CameraDriver
 from tokt.inference.sources.cameras.live_source import CameraSource
 from tokt.inference.sources.open import open_camera_source
 
@@ -65,6 +66,15 @@ def simulator(vimba_library):
 @pytest.fixture
 def delivered():
     return Delivered()
+
+
+@pytest.fixture
+def made_drivers():
+    """A list of drivers that are stopped at the end, whatever happens."""
+    drivers: list[CameraDriver] = []
+    yield drivers
+    for driver in drivers:
+        driver.stop()
 
 
 @pytest.fixture

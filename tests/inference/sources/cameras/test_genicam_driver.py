@@ -53,19 +53,14 @@ def viky(monkeypatch):
 
 
 @pytest.fixture
-def open_camera():
-    """A driver that is stopped at the end, whatever happens."""
-    drivers: list[ProcessDriver] = []
-
+def open_camera(made_drivers):
     def make(name: str = "0") -> ProcessDriver:
         order = {"name": name, "place": None, "share": 1.0}
         order["options"] = asdict(SourceConfig(camera_rate=100))
-        drivers.append(ProcessDriver("cameras.genicam", LEFT, name, order, SYSTEM_CLOCK))
-        return drivers[-1]
+        made_drivers.append(ProcessDriver("cameras.genicam", LEFT, name, order, SYSTEM_CLOCK))
+        return made_drivers[-1]
 
-    yield make
-    for driver in drivers:
-        driver.stop()
+    return make
 
 
 @pytest.fixture

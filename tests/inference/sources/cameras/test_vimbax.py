@@ -1,6 +1,7 @@
 """Vimba X's own library on the simulated cameras of the genicam package, and what goes wrong."""
 
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -73,18 +74,13 @@ def rig(monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def open_camera(rig):
-    """A driver that is stopped at the end, whatever happens."""
-    drivers = []
-
+def open_camera(rig, made_drivers):
     def make(*names, **options):
         wanted = SourceConfig(**{"pixel_format": "Mono8", "camera_rate": 100, **options})
-        drivers.extend(open_drivers(names or [RED], wanted, SYSTEM_CLOCK, vimbax=True))
-        return drivers[-1]
+        made_drivers.extend(open_drivers(names or [RED], wanted, SYSTEM_CLOCK, vimbax=True))
+        return made_drivers[-1]
 
-    yield make
-    for driver in drivers:
-        driver.stop()
+    return make
 
 
 def test_pictures_are_copies_that_do_not_change(open_camera, delivered):
@@ -211,8 +207,7 @@ def test_a_picture_that_does_not_fit_its_buffer_is_damaged(open_camera, delivere
 def test_a_camera_pulled_out_is_lost_and_comes_back(rig):
     wanted = SourceConfig(f"vimbax:{RED}", pixel_format="Mono8", camera_rate=100)
     events = []
-    source = open_camera_source(wanted, SYSTEM_CLOCK, events.append)
-    try:
+    with closing(open_camera_source(wanted, SYSTEM_CLOCK, events.append)) as source:
         live = Live(source, events)
         live.until(lambda frame: frame.left is not None)
         rig.plugged = False
@@ -221,8 +216,6 @@ def test_a_camera_pulled_out_is_lost_and_comes_back(rig):
         live.until(lambda frame: frame.left is not None)
         until(lambda: len(events) >= 2)
         assert live.event_names[:2] == [("camera_lost", "left"), ("camera_back", "left")]
-    finally:
-        source.close()
 
 
 def test_without_transport_layers_it_says_what_to_install(monkeypatch, tmp_path):

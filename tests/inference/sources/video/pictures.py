@@ -140,3 +140,9 @@ def number_of(picture: U8) -> int | None:
     bits = sum(int(mean > 0) << place for place, mean in enumerate(means))
     number = bits >> _CHECK_BITS
     return number if _check(number) == bits & ((1 << _CHECK_BITS) - 1) else None
+
+
+def jpeg(number: int, size: tuple[int, int] = (320, 240), restarts: int = 0) -> bytes:
+    """The picture of a number as a JPEG, with so many blocks between its restart marks."""
+    flags = [cv2.IMWRITE_JPEG_QUALITY, 80, cv2.IMWRITE_JPEG_RST_INTERVAL, restarts]
+    return cv2.imencode(".jpg", bgr(number, size), flags)[1].tobytes()

@@ -8,7 +8,6 @@ from base64 import b64encode
 from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,15 +21,9 @@ from tokt.inference.reason import Reason
 from tokt.inference.sources.video.mjpeg import Parts, jpeg_decoder, read_mjpeg
 from tokt.inference.sources.video.newest import StreamLostError
 
-from .pictures import bgr, number_of
+from .pictures import jpeg, number_of
 from .reading import reading, words_of
 from .senders import mjpeg
-
-
-def jpeg(number, size=(320, 240), restarts=0):
-    flags = [cv2.IMWRITE_JPEG_QUALITY, 80, cv2.IMWRITE_JPEG_RST_INTERVAL, restarts]
-    return cv2.imencode(".jpg", bgr(number, size), flags)[1].tobytes()
-
 
 PICTURES = [jpeg(number) for number in range(4)]
 

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.inference.live import bound_socket
 from tests.tiers import scaled
 from tests.waiting import until
 from tokt.inference.reason import Reason
@@ -298,8 +299,7 @@ def test_a_port_is_listened_on(sent, form):
 
 
 def test_a_port_that_another_has_is_told():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", 0))
+    with bound_socket() as other:
         words = words_of(read_mpegts, f"udp://127.0.0.1:{other.getsockname()[1]}")
     assert "nobody can listen on" in words
 
@@ -316,8 +316,7 @@ def test_ffmpegs_own_sender_is_read(tmp_path):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells")
 def test_what_this_computer_drops_is_told():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-        port.bind(("127.0.0.1", 0))
+    with bound_socket() as port:
         port.settimeout(1.0)
         port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         count_drops(port)

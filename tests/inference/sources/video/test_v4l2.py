@@ -16,14 +16,10 @@ from tokt.inference.sources.video.newest import NewestReading, StreamLostError
 from tokt.inference.sources.video.v4l2 import read_v4l2
 
 from .encoding import encode
-from .pictures import bgr, number_of
+from .pictures import bgr, jpeg, number_of
 from .v4l2_device import DAMAGED, GONE, HANGS, NO_TIME, WHOLE
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Video4Linux")
-
-
-def jpeg(number):
-    return cv2.imencode(".jpg", bgr(number))[1].tobytes()
 
 
 def yuyv(number):
