@@ -31,6 +31,19 @@ _FRAME_S = 0.03
 """Between two frames, as a camera gives them: else a wait would keep a processor busy."""
 
 
+def ask(port, path, method="GET", **headers):
+    """One request: status, headers, body; 0 where the connection was closed."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=MAX_S)
+    try:
+        connection.request(method, path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, answer.headers, answer.read()
+    except (ConnectionError, http.client.HTTPException):
+        return 0, {}, b""
+    finally:
+        connection.close()
+
+
 class Viewed:
     """A live view, and a hand that shows it frames."""
 
@@ -80,16 +93,7 @@ class Viewed:
         os.kill(self.child, number)
 
     def get(self, path, method="GET", **headers):
-        """One request: status, headers, body; 0 where the connection was closed."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=MAX_S)
-        try:
-            connection.request(method, path, headers=headers)
-            answer = connection.getresponse()
-            return answer.status, answer.headers, answer.read()
-        except (ConnectionError, http.client.HTTPException):
-            return 0, {}, b""
-        finally:
-            connection.close()
+        return ask(self.port, path, method, **headers)
 
     def connect(self, said=b""):
         """A socket that said that."""

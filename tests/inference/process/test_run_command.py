@@ -74,10 +74,8 @@ def test_an_anchor_is_sent_as_v2_and_logged_and_replayed(
     make_mission, bundle_file, receiver, tmp_path
 ):
     folder, log = make_mission([[(6, 2), (6, 3)], []]), tmp_path / "log.jsonl"
-    run(
-        *("--bundle", bundle_file, "--source", folder, "--policy", "texture"),
-        *("--udp", f"v2@127.0.0.1:{receiver.getsockname()[1]}", "--anchor", "0.02", "--log", log),
-    )
+    port = receiver.getsockname()[1]
+    run_of(folder, bundle_file, port, "--format", "v2", "--anchor", "0.02", "--log", log)
     sent = [decode(receiver.recv(4096)) for _ in range(2)]
     assert (sent[0]["anchor_x"], sent[0]["anchor_size"]) == pytest.approx((-0.4, 0.0), abs=0.01)
     assert sent[0]["anchor_y"] > 0.25
@@ -99,10 +97,8 @@ def test_an_object_is_named_by_a_box_in_a_frame_of_the_source(
     for number in range(1, 6):
         seen = named_object.picture(named_object.own(120 + 4 * number), seed=number)
         cv2.imwrite(str(folder / "Left" / f"t_L_{number}.jpg"), seen)
-    run(
-        *("--bundle", bundle_file, "--source", folder, "--policy", "texture", "--log", log),
-        *("--udp", f"v2@127.0.0.1:{receiver.getsockname()[1]}", "--anchor-from", "2:98,90,60,84"),
-    )
+    told = ("--format", "v2", "--anchor-from", "2:98,90,60,84", "--log", log)
+    run_of(folder, bundle_file, receiver.getsockname()[1], *told)
     sent = [decode(receiver.recv(4096)) for _ in range(5)]
     assert [fields["anchor"] for fields in sent] == [*["searching"] * 2, *["held"] * 3]
     assert [fields["anchor_x"] for fields in sent[:2]] == [None] * 2

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from tests.calls import refused, refuses
 from tests.inference.live import start_tokt
 from tests.inference.test_faults import hold_row
-from tests.inference.view_client import STREAM, Viewed, decoded, stream_parts, viewed
+from tests.inference.view_client import STREAM, ask, decoded, stream_parts, viewed
 from tests.tiers import scaled
 from tests.waiting import MAX_S, until
 from tokt.inference.config import Limits
@@ -415,8 +415,7 @@ def test_a_port_that_is_taken_is_waited_for_where_verdicts_must_go_on(monkeypatc
         record = tmp_path / "out.mp4"
         view = LiveView(None, None, record, 0.5, told.append, None, listen)
         until(lambda: len(tries) > 3)
-    here = type("Here", (), {"port": port})
-    until(lambda: Viewed.get(here, "/")[0] == 200)
+    until(lambda: ask(port, "/")[0] == 200)
     assert [each.name for each in tmp_path.iterdir()] == ["out.mp4.part"]  # not one for each try
     view.close()
     assert [event.name for event in told] == ["view_lost"] and "in use" in told[0].words
@@ -433,10 +432,8 @@ def test_a_run_shows_films_and_ends(make_mission, bundle_file, closed_port, tmp_
     line = process.stderr.readline()
     port, token = re.fullmatch(r"view: http://127.0.0.1:(\d+)/\?token=(\S+)\n", line).groups()
     assert (tmp_path / ".tokt" / "view-token").read_text().strip() == token
-    found = Viewed.get
-    here = type("Here", (), {"port": int(port)})
-    until(lambda: found(here, f"/picture?token={token}")[0] == 200)
-    assert found(here, "/picture")[0] == 401
+    until(lambda: ask(port, f"/picture?token={token}")[0] == 200)
+    assert ask(port, "/picture")[0] == 401
     part = tmp_path / "dive.mp4.part"
     until(lambda: part.stat().st_size > 10_000)
     process.send_signal(signal.SIGINT)
@@ -449,13 +446,12 @@ def test_a_run_that_is_killed_leaves_no_view_behind(make_mission, bundle_file, c
     """The next one has the port, and at the old one's page a reader sees that it died."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    here = type("Here", (), {"port": port})
     process = start_tokt(
         *("run", "--bundle", bundle_file, "--source", make_mission([[]] * 150), "--rate", "5"),
         *("--udp", f"127.0.0.1:{closed_port}", "--view", port, "--watchdog"),
     )
     try:
-        until(lambda: Viewed.get(here, "/picture")[0] == 200)
+        until(lambda: ask(port, "/picture")[0] == 200)
         (runtime,) = psutil.Process(process.pid).children()
         before = runtime.children()
         with socket.create_connection(("127.0.0.1", port), timeout=MAX_S) as opened:
@@ -466,7 +462,7 @@ def test_a_run_that_is_killed_leaves_no_view_behind(make_mission, bundle_file, c
         assert data.endswith(b"--frame--\r\n")
         psutil.wait_procs(before, MAX_S)
         assert not any(each.is_running() for each in before)
-        until(lambda: Viewed.get(here, "/picture")[0] == 200)
+        until(lambda: ask(port, "/picture")[0] == 200)
     finally:
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=MAX_S)

@@ -119,7 +119,7 @@ def check_whole(folder: Path, bound_mb: float | None = None) -> list[int]:
     return numbers
 
 
-def test_frames_around_a_detection_are_a_mission(sea, tmp_path):
+def test_frames_around_a_detection_are_a_mission(sea):
     told: list[Event] = []
     at_sea = sea(tell=told.append)
     at_sea.tell("start", policy="texture")
@@ -148,7 +148,7 @@ def test_frames_around_a_detection_are_a_mission(sea, tmp_path):
     assert (recorder.writer.frames, recorder.writer.dropped, recorder.clips) == (7, 0, 1)
 
 
-def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(sea, tmp_path):
+def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(sea):
     at_sea = sea()
     at_sea.see(OBSTACLE, 2, right_fault=UNPAIRED)
     torn = Fault(Reason.INCOMPLETE, "the left frame is torn")
@@ -169,7 +169,7 @@ def test_without_a_detection_there_is_no_folder(sea, tmp_path):
     assert [path.name for path in (tmp_path / "rec").iterdir()] == [".recording.lock"]
 
 
-def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(sea, tmp_path):
+def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(sea):
     at_sea = sea(around=(0.5, 0))
     at_sea.see(CLEAR, 2)
     at_sea.tell("model", label="reef/8")
@@ -181,7 +181,7 @@ def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(sea, tm
     assert found == [1, 2, "model", 3, 4, 5]
 
 
-def test_drift_and_a_challenger_that_differs_open_moments(sea, tmp_path):
+def test_drift_and_a_challenger_that_differs_open_moments(sea):
     at_sea = sea(around=(0.125, 0.125))
     at_sea.see(CLEAR, 5)
     at_sea.tell("drift")
@@ -191,7 +191,7 @@ def test_drift_and_a_challenger_that_differs_open_moments(sea, tmp_path):
     assert at_sea.end() == [5, 6, 7, 10, 11, 12]
 
 
-def test_the_oldest_moments_of_the_run_make_room(sea, tmp_path):
+def test_the_oldest_moments_of_the_run_make_room(sea):
     at_sea = sea(around=(0.125, 0.125), disk=(0.5, 0))
     at_sea.tell("start")
     folder = at_sea.folder
@@ -236,7 +236,7 @@ def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock):
     assert told[-1].words == "frames are recorded again"
 
 
-def test_the_disk_keeps_its_reserve(sea, tmp_path):
+def test_the_disk_keeps_its_reserve(sea):
     at_sea = sea(disk=(100, 1e12))
     at_sea.see(OBSTACLE, 3)
     at_sea.recorder.close()
@@ -244,7 +244,7 @@ def test_the_disk_keeps_its_reserve(sea, tmp_path):
     assert not at_sea.folder.exists()
 
 
-def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(sea, tmp_path, monkeypatch):
+def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(sea, monkeypatch):
     go_on, write = threading.Event(), RecordingFolder.write
 
     def slow(self: RecordingFolder, encoded: Any) -> None:
@@ -268,14 +268,14 @@ def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(sea, tmp_path,
     assert judged == numbers == list(range(8, 8 + len(numbers)))
 
 
-def test_frames_before_a_detection_are_bounded_in_memory(sea, tmp_path):
+def test_frames_before_a_detection_are_bounded_in_memory(sea):
     at_sea = sea(around=(30, 0), memory_mb=0.1)
     at_sea.see(CLEAR, 200)
     at_sea.see(OBSTACLE)
     assert 190 < at_sea.end()[0] <= 200
 
 
-def test_numbers_that_come_again_are_left_out(sea, tmp_path):
+def test_numbers_that_come_again_are_left_out(sea):
     at_sea = sea()
     at_sea.see(OBSTACLE, 3)
     at_sea.written(3)
