@@ -6,11 +6,6 @@ import shutil
 import pytest
 
 from tests.load.effort.effort import LabellingEffort
-from tests.load.page.bench import label_report
-from tests.load.page.chart import label_chart_png
-from tests.load.program import label_server
-from tests.load.report import Timing, print_report
-from tokt.features.common.errors import ToktError
 
 TIMES = [
     *("first_page", "next_frame", "next_frame_fast", "jump"),
@@ -49,24 +44,3 @@ def an_effort(with_model: int, **more) -> LabellingEffort:
     return LabellingEffort(
         "dive 1-36", 36, **{"unsure": False, "without": 60, **more}, with_model=with_model
     )
-
-
-def test_tables_and_chart_say_what_is_not_kept(capsys):
-    times = [Timing("slow", "from here to there", [200.0, 300.0], 100.0)]
-    efforts = [an_effort(61, wrong=["frame 1 patch 2: ocean instead of reef"])]
-    found = {"times": [times[0].to_json()], "effort": [efforts[0].to_json()], **ABOUT}
-    print_report(label_report(found))
-    shown = capsys.readouterr().out
-    assert "p95 100" in shown and shown.count(" NO ") == 3
-    assert "60" in shown and "61" in shown and "ocean instead of reef" in shown
-    chart = label_chart_png(times, efforts, ABOUT)
-    assert chart.startswith(b"\x89PNG") and len(label_chart_png(times, [], ABOUT)) < len(chart)
-
-
-def test_a_server_that_ends_is_told_with_its_last_words(tmp_path):
-    gone = tmp_path / "gone"
-    with (
-        pytest.raises(ToktError, match=f"tokt label ended with 2: .*{gone} does not exist"),
-        label_server(gone, tmp_path / "workspace"),
-    ):
-        pass

@@ -2,34 +2,17 @@
 
 import io
 import json
-import sys
 from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from tests.load.scale import run as scale_run
 from tests.load.scale import steps as scale_steps
-from tests.load.scale.cost import cost_of, watched
+from tests.load.scale.cost import cost_of
 from tests.load.scale.steps import Steps
-from tokt.features.common.errors import ToktError
 from tokt.training.fitting.presets import settings_named
-
-HEAVY = """
-import json, subprocess, sys, time
-fill = "import time; held = bytearray(b'x' * 150_000_000); end = time.process_time() + 0.5\\n"
-fill += "while time.process_time() < end: pass"
-for step, does in {
-    "light": lambda: time.sleep(0.3), "heavy": lambda: subprocess.run([sys.executable, "-c", fill])
-}.items():
-    began = time.monotonic()
-    does()
-    said = {"step": step, "began": began, "ended": time.monotonic(), "rows": 7}
-    print(json.dumps(said), flush=True)
-"""
 
 
 def in_this_process(command: list[str]) -> dict[str, dict]:
@@ -64,26 +47,3 @@ def test_every_step_is_measured_on_what_was_rendered(run_load, tmp_path, monkeyp
     assert steps["training"]["tested"] == patches and steps["training"]["f1"] > 0.5
     assert found["extent"]["width"] == 180
     assert {step["exponent"] for step in found["steps"]} == {None}
-
-
-def test_memory_is_that_of_the_step_and_of_all_it_starts():
-    found = watched([sys.executable, "-c", HEAVY])
-    assert list(found) == ["light", "heavy"]
-    light, heavy = found.values()
-    assert list(light) == ["seconds", "cpu_s", "peak_mb", "own_mb", "rows"] and light["rows"] == 7
-    assert light["seconds"] >= 0.3 and heavy["seconds"] >= 0.5
-    assert light["cpu_s"] < 0.4 < heavy["cpu_s"] < 2
-    assert light["peak_mb"] < 100 < 150 < heavy["own_mb"] <= heavy["peak_mb"] < 400
-
-
-def test_a_step_that_fails_is_said_in_its_own_words():
-    with pytest.raises(ToktError, match="code 1: ValueError: too much"):
-        watched([sys.executable, "-c", "raise ValueError('too much')"])
-
-
-def test_too_little_room_and_too_few_frames_are_said_before_the_work(run_load, monkeypatch):
-    ran = run_load("scale", "--frames", 99)
-    assert ran.code == 2 and "at least 100" in ran.err
-    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=10**9))
-    ran = run_load("scale")
-    assert ran.code == 2 and "1.0 GB are free" in ran.err
