@@ -9,7 +9,7 @@ from subprocess import DEVNULL, Popen
 
 import pytest
 
-from tests.calls import call_tokt
+from tests.calls import succeeds
 from tests.inference.links.test_autopilot import ATTITUDE, BEAT, packed, position
 from tests.inference.links.test_nmea import sentence
 from tests.inference.live import bound_socket, start_tokt
@@ -76,8 +76,7 @@ def test_the_place_of_an_autopilot_over_tcp_is_kept(make_mission, bundle_file, r
             if older:
                 found = [{k: v for k, v in line.items() if k not in LATER} for line in lines(path)]
                 write_lines(path, found)
-            done = call_tokt("replay", place, "--bundle", bundle_file, "--json")
-            assert done.code == 0, done.err
+            done = succeeds("replay", place, "--bundle", bundle_file, "--json")
             assert json.loads(done.out)["same"], done.out
 
 

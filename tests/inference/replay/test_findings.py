@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.calls import call_tokt, refused
+from tests.calls import call_tokt, refused, succeeds
 from tests.inference.conftest import draw, write_mission
 from tests.inference.logged_runs import lines, log_folder, write_lines
 from tests.models.parts import golden_of
@@ -102,7 +102,7 @@ def test_older_logs_and_datagrams_have_no_classes(logged, tmp_path):
     ]
     assert decode(json.dumps(old[5]).encode())["classes"] is None
     write_lines(log, old)
-    assert call_tokt("replay", log).code == 0  # the fields that it has are the same
+    succeeds("replay", log)  # the fields that it has are the same
     refused("did not log classes yet", "findings", log, "-o", tmp_path / "out.csv")
 
 
@@ -123,8 +123,7 @@ def test_one_thing_is_one_finding_at_its_place(logged, tmp_path):
     log, folder = logged
     out = tmp_path / "out.geojson"
     odometry = poses(tmp_path / "poses.csv")
-    ran = call_tokt("findings", log, "-o", out, "--odometry", odometry, "--ahead", "2", "--json")
-    assert ran.code == 0, ran.err
+    ran = succeeds("findings", log, "-o", out, "--odometry", odometry, "--ahead", "2", "--json")
     (found,) = json.loads(ran.out)["findings"]
     assert (found["label"], found["first_frame"], found["last_frame"]) == ("net", 4, 10)
     assert found["frames"] == 7 and found["confidence"] == round(7 / 8, 2)
@@ -146,7 +145,7 @@ def test_the_log_s_position_is_the_finding_s(logged, tmp_path):
         line["lon_deg"], line["depth_m"] = 10.0, 31.5
     write_lines(log, placed)
     out = tmp_path / "out.geojson"
-    assert call_tokt("findings", log, "-o", out, "--ahead", "1").code == 0
+    succeeds("findings", log, "-o", out, "--ahead", "1")
     (feature,) = json.loads(out.read_text("utf-8"))["features"]
     lon, lat = feature["geometry"]["coordinates"]
     metres = math.radians(lat - 63.0) * 6_371_000
@@ -164,14 +163,14 @@ def test_the_files_are_read_back(logged, tmp_path):
     assert (row["finding"], row["label"], row["patches"]) == ("1", "net", "44 45 54 55")
     assert row["along_m"] == "" and row["run"]
     page = tmp_path / "out.html"
-    assert call_tokt("findings", log, "-o", page).code == 0
+    succeeds("findings", log, "-o", page)
     text = page.read_text("utf-8")
     assert "1: net" in text and text.count("data:image/jpeg") == 1
     gone = lines(events_path(log))  # the pictures are, the findings are not
     write_lines(events_path(log), [{**line, "source": "/nowhere"} for line in gone])
-    assert call_tokt("findings", log, "-o", page).code == 0
+    succeeds("findings", log, "-o", page)
     assert "The picture is not there." in page.read_text("utf-8")
-    assert call_tokt("findings", log, "-o", page, "--source", folder).code == 0
+    succeeds("findings", log, "-o", page, "--source", folder)
     assert "data:image/jpeg" in page.read_text("utf-8")
 
 

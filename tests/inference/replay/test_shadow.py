@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tests.calls import call_tokt, refuses
+from tests.calls import refused, refuses, succeeds
 from tests.inference.live import HandSource, Listener
 from tests.inference.logged_runs import lines, mission_source, variant, write_lines
 from tests.waiting import MAX_S, until
@@ -85,9 +85,7 @@ def test_where_another_model_says_otherwise_is_found(make_mission, bundle_file, 
     blind = read_bundle(variant(bundle_file, tmp_path / "blind.tokt", threshold=10.0))
     run = shadowed(read_bundle(bundle_file), challenging(blind), folder, log)
     assert run.told() == ["shadow_differs"] * 3
-    ran = call_tokt("shadow", log, "--json")
-    assert ran.code == 0, ran.err
-    found = json.loads(ran.out)
+    found = json.loads(succeeds("shadow", log, "--json").out)
     assert found["champions"] == ["noise/7"] and found["challenger_model"]["label"] == "blind/7"
     assert (found["frames"], found["agree"]) == (10, 5)
     assert found["statuses"]["obstacle"] == {"obstacle": 0, "clear": 5, "unknown": 0}
@@ -96,8 +94,7 @@ def test_where_another_model_says_otherwise_is_found(make_mission, bundle_file, 
     champion, theirs = found["champion"], found["challenger"]
     assert (champion["obstacle_alone_frames"], champion["obstacle_alone_stretches"]) == (5, 3)
     assert (champion["episodes"], champion["episodes_shared"], theirs["episodes"]) == (1, 0, 0)
-    shown = call_tokt("shadow", log)
-    assert shown.code == 0
+    shown = succeeds("shadow", log)
     assert "frame 8-9 (2 frames): champion obstacle, challenger clear" in shown.out
     assert "in 3 stretches; 1 episode, 0 shared;" in shown.out
 
@@ -259,7 +256,6 @@ def test_what_is_no_shadow_log_is_one_clear_line(tmp_path):
     ):
         if values:
             write_lines(path, values)
-        ran = call_tokt("shadow", path)
-        assert ran.code == 2 and words in ran.err, (words, ran.err)
+        refused(words, "shadow", path)
     write_lines(path, [START, line(1, 0, 0)])
-    assert "no run x" in call_tokt("shadow", path, "--run", "x").err
+    refused("no run x", "shadow", path, "--run", "x")

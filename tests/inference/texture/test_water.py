@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.calls import call_tokt, refuses
+from tests.calls import refuses, succeeds
 from tests.inference.logged_runs import lines
 from tests.inference.texture.test_m_of_n import Script, frames
 from tests.models.conftest import small_content
@@ -184,14 +184,12 @@ def test_a_run_logs_the_boundary_and_a_replay_gives_it_again(make_mission, bundl
     shown = {}
     for name, more in (("moving", ()), ("fixed", ("--fixed-boundary",))):
         log = tmp_path / f"{name}.jsonl"
-        ran = call_tokt(
+        succeeds(
             *("run", "--bundle", file, "--source", folder, "--policy", "texture", *more),
             *("--udp", "127.0.0.1:9", "--log", log, "--log-values"),
         )
-        assert ran.code == 0, ran.err
         shown[name] = lines(log)
-        again = call_tokt("replay", log, "--json")
-        assert again.code == 0 and json.loads(again.out)["same_to_the_bit"] == 6, again.out
+        assert json.loads(succeeds("replay", log, "--json").out)["same_to_the_bit"] == 6
     state, seen = WaterState(prior), set()
     for moving, fixed in zip(shown["moving"], shown["fixed"], strict=True):
         state.begin()
