@@ -120,7 +120,7 @@ def test_somebody_elses_labels_show_and_stay(open_frame, server):
 
 
 def test_an_answer_from_before_a_change_does_not_hide_it(open_frame, server):
-    view = open_frame(30)
+    view = open_frame(30, alone=True)  # another tab of the browser may have told of frame 40
     held = []
     holding = True
 
@@ -130,7 +130,7 @@ def test_an_answer_from_before_a_change_does_not_hide_it(open_frame, server):
         else:
             route.continue_()
 
-    view.page.wait_for_timeout(200)  # what is fetched ahead is there
+    view.page.wait_for_timeout(300)  # what is fetched ahead is there
     view.page.route("**/api/labels?**", hold)
     with view.page.expect_request("**/api/labels?**"):
         view.press("End")
