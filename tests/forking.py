@@ -129,11 +129,13 @@ def _fork_until_closed(connection: socket.socket) -> dict[str, Any] | None:
             if pid := os.fork():
                 statuses[pid] = status
                 connection.send(str(pid).encode())
-                os.close(out), os.close(err)
+                for fd in (out, err):
+                    os.close(fd)
                 continue
             signal.set_wakeup_fd(-1)
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-            os.dup2(out, 1), os.dup2(err, 2)
+            os.dup2(out, 1)
+            os.dup2(err, 2)
             for fd in (out, err, status, ended, wakes, *statuses.values()):
                 os.close(fd)
             return dict(json.loads(request))

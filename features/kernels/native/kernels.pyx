@@ -187,7 +187,6 @@ cdef extern from *:
     """
 
 
-
 INTERFACE = 8
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
