@@ -125,21 +125,22 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Bytecode is written as it is needed: most of these packages is never imported.
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
-	-c constraints.txt
+# Bytecode is written as it is needed: most of these packages is never imported. Where uv is
+# installed, it makes an environment in a third of the time that pip takes.
+INSTALL := $(if $(shell command -v uv),uv pip install --python $(BIN)/python,$(BIN)/python -m pip \
+	install --disable-pip-version-check --no-compile) --quiet -c constraints.txt
 # What an older checkout compiled would be imported in place of the new extension.
 NEW_VENV := $(PYTHON) -m venv $(VENV) && rm -f features/kernels/_native.*.so
 SOURCES := pyproject.toml setup.py constraints.txt studies/pyproject.toml studies/setup.py $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
 
 $(READY): $(SOURCES)
 	$(NEW_VENV)
-	$(PIP) -e '.[all,dev,docs,release]' -e studies
+	$(INSTALL) -e '.[all,dev,docs,release]' -e studies
 	touch $@
 
 $(DEMO_READY): $(SOURCES)
 	$(NEW_VENV)
-	$(PIP) -e '.[demo]' -e studies
+	$(INSTALL) -e '.[demo]' -e studies
 	touch $@
 
 $(SCRIPTS_READY): package.json $(READY)

@@ -31,9 +31,12 @@ def run(*command: object, cwd: Path = ROOT, **environ: str) -> str:
 
 
 def pip(python: Path, *arguments: object, constraints: Path = ROOT / "constraints.txt") -> None:
-    """Install for another Python, in the versions that the tests ran with."""
-    words = ("-m", "pip", "--disable-pip-version-check", "--python", python, "install")
-    run(sys.executable, *words, "--quiet", "--no-compile", "-c", constraints, *arguments)
+    """Install for another Python, in the versions that the tests ran with; by uv if it is there."""
+    words: tuple[object, ...] = ("uv", "pip", "install", "--python", python)
+    if shutil.which("uv") is None:
+        words = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", python)
+        words += ("install", "--no-compile")
+    run(*words, "--quiet", "-c", constraints, *arguments)
 
 
 def build(out: Path) -> None:

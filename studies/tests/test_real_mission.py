@@ -66,15 +66,13 @@ def test_best_reaches_in_blocked_cross_validation(train, workspace):
     assert Registry(workspace).bundle("approach-haralick").content.metrics == cv
 
 
-def statuses(bundle, mission, attack=None):
-    """Status of every second frame of the approach, by number."""
+def statuses(bundle, pictures, attack=lambda picture: picture):
+    """Status of each frame, by its number."""
     policy = SinglePolicy(TextureDetector(bundle))
-    found = {}
-    for number in range(125, 247, 2):
-        picture = mission.read(number)
-        changed = picture if attack is None else attack(picture)
-        found[number] = policy.judge(Frame(number, 0.0, changed, None)).verdict.status
-    return found
+    return {
+        number: policy.judge(Frame(number, 0.0, attack(picture), None)).verdict.status
+        for number, picture in pictures.items()
+    }
 
 
 def test_no_attack_on_a_picture_makes_the_tower_clear(workspace, mission_dir):
@@ -84,11 +82,13 @@ def test_no_attack_on_a_picture_makes_the_tower_clear(workspace, mission_dir):
     succeeds("dataset", "build", "half", "--mission", mission_dir, "--frames", half, *where)
     succeeds("train", "half", "--folds", 2, "--changes", "none", "--workspace", workspace)
     bundle, mission = Registry(workspace).bundle("half-haralick"), open_mission(mission_dir)
-    plain = statuses(bundle, mission)
+    # Every second frame of the approach.
+    pictures = {number: mission.read(number) for number in range(125, 247, 2)}
+    plain = statuses(bundle, pictures)
     seen = [number for number, status in plain.items() if status == OBSTACLE]
     assert len(seen) >= 45 and UNKNOWN not in plain.values()
     for name, attack in ATTACKS.items():
-        said = statuses(bundle, mission, attack)
+        said = statuses(bundle, pictures, attack)
         assert [number for number in seen if said[number] == CLEAR] == [], name
 
 

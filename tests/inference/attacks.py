@@ -3,15 +3,14 @@
 import cv2
 import numpy as np
 
-RNG = np.random.default_rng(18)
-
 
 def noise(mean, sigma, colour=False):
     """A covered lens under auto gain, or snow: noise instead of the picture."""
 
     def of(picture):
-        shape = (*picture.shape[:2], 3 if colour else 1)
-        noisy = np.clip(RNG.normal(mean, sigma, shape), 0, 255).astype(np.uint8)
+        channels = 3 if colour else 1
+        noisy = np.empty((*picture.shape[:2], channels), np.uint8)
+        cv2.randn(noisy, (mean,) * channels, (sigma,) * channels)
         return noisy if colour else noisy.repeat(3, axis=2)
 
     return of

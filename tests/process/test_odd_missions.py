@@ -71,11 +71,11 @@ MISSIONS = {
     "4000x3000 pixels": of(lambda frame, side: cv2.resize(texture(frame), (4000, 3000)), frames=1),
     "left and right alike": of(lambda frame, side: texture(frame)),
     "two sizes": of(lambda frame, side: texture(frame)[:: 1 + frame % 2, :: 1 + frame % 2]),
-    "left gray, right colour": of(
-        lambda frame, side: texture(frame) if side == "Left" else np.dstack([texture(frame)] * 3)
+    "sixteen bits and transparency by turns": of(
+        lambda frame, side: np.dstack([texture(frame)] * 4)
+        if (frame % 2) == (side == "Left")
+        else texture(frame).astype(np.uint16) * 257
     ),
-    "sixteen bits": of(lambda frame, side: texture(frame).astype(np.uint16) * 257),
-    "with transparency": of(lambda frame, side: np.dstack([texture(frame)] * 4)),
     "no pictures": of(lambda frame, side: b"this is no picture"),
     "cut pictures": of(
         lambda frame, side: cv2.imencode(".png", texture(frame))[1].tobytes()[:-900]
