@@ -26,9 +26,9 @@ EXAMPLES ?= quick
 test: $(READY)
 	$(PYTEST) --hypothesis-profile=$(EXAMPLES) -m "$(QUICK)"
 
-# What `make test` left out.
+# What `make test` left out, without what EXCEPT deselects.
 test-rest: $(READY)
-	$(PYTEST) -m "not ($(QUICK))"
+	$(PYTEST) -m "not ($(QUICK))" $(EXCEPT)
 
 test-all: $(READY)
 	$(PYTEST)

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -29,7 +30,9 @@ from hypothesis import settings
 from numpy.typing import NDArray
 
 from tests.calls import call_tokt
+from tests.load.page.tab import chromium
 from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
+from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.taxonomy import Taxonomy
 from tokt.training.datasets.dataset import DatasetPlan, FrameSource, write_dataset
@@ -42,9 +45,6 @@ MISSION = Path(os.environ.get("TOKT_MISSION", ROOT / ".." / "shared" / "mission"
 PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x272 frame
 TINY_FRAMES = 40
 TINY_BLOCK = 4
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-_BROWSER_ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
-_BROWSER_ARGUMENTS += ["--disable-background-networking"]
 LABEL_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
 
 
@@ -327,11 +327,9 @@ def browser():
 
     For one module: as long as Playwright's event loop runs in this thread, no other can.
     """
-    playwright = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
-    path = next(filter(None, map(shutil.which, _BROWSERS)), None)
-    if path is None:
-        pytest.skip(f"no browser found (looked for {', '.join(_BROWSERS)})")
-    with playwright.sync_playwright() as running:
-        started = running.chromium.launch(executable_path=path, args=_BROWSER_ARGUMENTS)
+    with ExitStack() as running:
+        try:
+            started = running.enter_context(chromium(shell=True))
+        except ToktError as error:
+            pytest.skip(str(error))
         yield started
-        started.close()

@@ -72,9 +72,11 @@ MISSIONS = {
     "left and right alike": of(lambda frame, side: texture(frame)),
     "two sizes": of(lambda frame, side: texture(frame)[:: 1 + frame % 2, :: 1 + frame % 2]),
     "sixteen bits and transparency by turns": of(
-        lambda frame, side: np.dstack([texture(frame)] * 4)
-        if (frame % 2) == (side == "Left")
-        else texture(frame).astype(np.uint16) * 257
+        lambda frame, side: (
+            np.dstack([texture(frame)] * 4)
+            if (frame % 2) == (side == "Left")
+            else texture(frame).astype(np.uint16) * 257
+        )
     ),
     "no pictures": of(lambda frame, side: b"this is no picture"),
     "cut pictures": of(
