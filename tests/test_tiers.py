@@ -64,7 +64,7 @@ def test_make_test_has_the_proof_and_the_rest_is_run_after_it():
     assert quick == ["core"]
     assert all(in_make_test(tier.name, "proof") for tier in TIERS)
     (rest,) = re.findall(r"^test-rest:.*\n\t(.*)$", MAKEFILE, re.MULTILINE)
-    assert rest == '$(PYTEST) -m "not ($(QUICK))"'
+    assert rest == '$(PYTEST) -m "not ($(QUICK))" $(EXCEPT)'
     (everything,) = re.findall(r"^test-all:.*\n\t(.*)$", MAKEFILE, re.MULTILINE)
     assert everything == "$(PYTEST)"
     landing = (ROOT / ".ci" / "run").read_text("utf-8")
@@ -72,6 +72,11 @@ def test_make_test_has_the_proof_and_the_rest_is_run_after_it():
     assert ["test", "EXAMPLES=full"] in made
     targets = {"demo", "test", "test-rest", "docs", "check", "wheels", "test-wheels"}
     assert targets <= {word for line in made for word in line}
+    # What the rest leaves out is tested on each wheel.
+    of_wheels = (ROOT / "packaging" / "wheels.py").read_text("utf-8")
+    assert [
+        name for name in re.findall(r"t=tests/(\S+\.py)", landing) if name not in of_wheels
+    ] == []
 
 
 def test_a_run_of_the_missions_tests_leaves_none_of_their_files_out():

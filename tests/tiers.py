@@ -42,7 +42,9 @@ STUDY = Tier("study", tuple(f"training/{room}" for room in _SLOW_ROOMS), 50)
 TIERS = (
     Tier("browser", ("labels/page/browser",), 20),
     Tier(
-        "process", ("process", "labels/page/api", "models/registry", "inference/sources/video"), 20
+        "process",
+        ("process", "docs/site", "labels/page/api", "models/registry", "inference/sources/video"),
+        20,
     ),
     STUDY,
     Tier("load", ("load",), 20),

@@ -9,7 +9,7 @@ pytest.importorskip("mkdocs", reason="make docs installs what builds the site")
 nbformat = pytest.importorskip("nbformat")
 v4 = nbformat.v4
 
-HOOKS = Path(__file__).parents[2] / "docs/site_hooks.py"
+HOOKS = Path(__file__).parents[3] / "docs/site_hooks.py"
 
 
 def page_of(tmp_path, *cells):

@@ -8,12 +8,10 @@ import pytest
 
 import tokt
 
-NOTEBOOKS = Path(__file__).resolve().parents[2] / "docs" / "notebooks"
+NOTEBOOKS = Path(__file__).resolve().parents[3] / "docs" / "notebooks"
 MAX_CELLS = 12
 OURS = ("import tokt", "import tempfile", "import matplotlib.pyplot as plt", "import pandas as pd",
         "import cv2", "from pathlib import Path")  # fmt: skip
-
-pytestmark = pytest.mark.study
 
 
 @pytest.fixture(scope="module", params=sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda one: one.stem)

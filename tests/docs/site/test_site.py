@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 # One worker: the site is built once.
-pytestmark = [pytest.mark.process, pytest.mark.xdist_group("site")]
+pytestmark = pytest.mark.xdist_group("site")
 pytest.importorskip("material", reason="make docs installs what builds the site")
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 GENERATED = {
     "command_line": ("tokt train", "--extractor", "tokt run"),
     "config": ("heartbeat", "A frame older than this is never clear."),
