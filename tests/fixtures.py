@@ -20,8 +20,6 @@ os.environ["LOKY_MAX_CPU_COUNT"] = "1"
 # The tests themselves run on all cores: more threads of theirs only wait for each other.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ.pop("MLFLOW_TRACKING_URI", None)
-# What is imported and collected stays: to look for garbage in it takes a tenth of all time.
-gc.set_threshold(100_000, 50, 100)
 
 import cv2
 import numpy as np
@@ -52,7 +50,11 @@ LABEL_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """One Hypothesis profile a tier; all examples unless the command line wants few."""
+    """One Hypothesis profile a tier; all examples unless the command line wants few.
+
+    What is imported and collected stays: to look for garbage in it takes a tenth of all time.
+    """
+    gc.set_threshold(100_000, 50, 100)
     register_profiles(config.getoption("--hypothesis-profile") or "full")
 
 
@@ -238,7 +240,8 @@ def preload():
     """Python that imports what commands import as they go, for a program that forks them."""
     return """
 import alembic.command, git, matplotlib.backends.backend_agg, matplotlib.figure, mlflow.pyfunc
-import mlflow.models.display_utils, mlflow.tracing.export, tokt.mlflow
+import IPython, PIL.JpegImagePlugin, mlflow.models.display_utils, mlflow.tracing.processor.otel
+import tokt.cli.labels, tokt.mlflow
 import mlflow.store.model_registry.sqlalchemy_store, mlflow.store.tracking.sqlalchemy_store
 import mlflow.store.model_registry.sqlalchemy_workspace_store
 import mlflow.store.tracking.sqlalchemy_workspace_store
@@ -246,6 +249,8 @@ import pyarrow.dataset, pyarrow.parquet, sqlalchemy.dialects.sqlite
 import tokt.labels.store.store, tokt.models.registry.load, tokt.training.evaluation.evaluate
 import tokt.training.datasets.mission_source, tokt.training.fitting.tracking
 import tokt.training.search.search
+from mlflow.utils.requirements_utils import warn_dependency_requirement_mismatches
+warn_dependency_requirement_mismatches(["numpy"])  # reads what all installed packages hold, once
 """
 
 

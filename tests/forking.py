@@ -84,6 +84,7 @@ class ForkHost:
         words = (sys.executable, "-u", __file__, str(theirs.fileno()), imports, program)
         with theirs:
             self._process = subprocess.Popen(words, pass_fds=[theirs.fileno()])
+        self._socket.recv(16)  # it has imported all: what it runs is not slower the first time
 
     def start(self, *words: object) -> ForkedProcess:
         """Run the program with these words, in this process's folder and environment."""
@@ -112,6 +113,7 @@ def _fork_until_closed(connection: socket.socket) -> dict[str, Any] | None:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(wakes)
     statuses: dict[int, int] = {}
+    connection.send(b"ready")
     while True:
         ready, _, _ = select.select([connection, ended], [], [])
         if ended in ready:

@@ -8,8 +8,9 @@ import os
 import random
 import shutil
 import signal
+import subprocess
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 
 import pytest
 
@@ -54,7 +55,8 @@ class Commands(ForkHost):
             give_up = time.monotonic() + MAX_S
             while not begun() and time.monotonic() < give_up:
                 time.sleep(0.0002)
-            time.sleep(kill_after_s)
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(kill_after_s)
             child.kill()
         with child.stdout, child.stderr:
             code = child.wait(MAX_S)
