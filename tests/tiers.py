@@ -38,7 +38,7 @@ class Tier:
 
 _SLOW_ROOMS = ("compare", "fitting", "rig", "search")
 CORE = Tier("core", (), 100)
-STUDY = Tier("study", tuple(f"training/{room}" for room in _SLOW_ROOMS), 50)
+STUDY = Tier("study", ("library", *(f"training/{room}" for room in _SLOW_ROOMS)), 50)
 TIERS = (
     Tier("browser", ("labels/page/browser",), 20),
     Tier(
