@@ -22,6 +22,8 @@ from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.health import compared, kernel_findings
 from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
 
+pytestmark = pytest.mark.process  # it tries out each camera's driver in a process
+
 
 def listing(folder):
     """Every file and folder below, with its bytes."""
