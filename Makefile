@@ -19,7 +19,8 @@ docs: $(READY)
 # What a change needs: by tests/tiers.py all but these tiers, and the proof whatever its tier.
 QUICK := proof or not (browser or process or study or load or fuzz)
 # Some hundred processes are started: without bytecode on disk each compiles everything anew.
-PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -q -n 2 --dist loadgroup
+# One worker more than two cores have: some tests wait for what others of them start.
+PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -q -n 3 --dist loadgroup
 # `quick` tries a quarter of the examples of tests of properties, the same ones each time.
 EXAMPLES ?= quick
 

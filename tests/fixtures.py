@@ -23,7 +23,6 @@ os.environ.pop("MLFLOW_TRACKING_URI", None)
 
 import cv2
 import numpy as np
-import pandas as pd
 import pytest
 import typer.main
 from _pytest.mark.expression import Expression
@@ -36,7 +35,6 @@ from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.taxonomy import Taxonomy
-from tokt.training.datasets.dataset import DatasetPlan, FrameSource, write_dataset
 
 # Hundreds of tests call the command line in this process: it is put together once.
 typer.main.get_command = cache(typer.main.get_command)
@@ -309,6 +307,9 @@ def tiny_truth():
 @pytest.fixture
 def fabricate(tmp_path):
     """Build a dataset of 6x6 pixel frames of 1x1 patches from a label and a group for each."""
+    import pandas as pd
+
+    from tokt.training.datasets.dataset import DatasetPlan, FrameSource, write_dataset
 
     def build(labels, groups=None, frames=None, missions=None):
         dives = missions or ["dive"] * len(labels)
