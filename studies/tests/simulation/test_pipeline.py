@@ -29,7 +29,7 @@ N_FRAMES = 94
 def dive(tmp_path_factory):
     out = tmp_path_factory.mktemp("pipeline") / "dive"
     return out, simulate_mission(
-        out, draw=PipelineScene.draw, seed=1, n_frames=N_FRAMES, width=360, jobs=1
+        out, draw=PipelineScene.draw, seed=1, n_frames=N_FRAMES, width=240, jobs=1
     )
 
 
@@ -59,7 +59,7 @@ def views(folder, fault):
         for matrix, seen in ((calibration.K1, left), (calibration.K2, right)):
             place = matrix @ seen
             places.append(place[:2] / place[2])
-        if 1 < left[2] < 3 and all(40 < x < 320 and 40 < y < 230 for x, y in places):
+        if 1 < left[2] < 3 and all(27 < x < 213 and 27 < y < 153 for x, y in places):
             yield frame, *places
 
 
@@ -80,7 +80,7 @@ def test_same_seed_same_bytes_whatever_the_jobs(tmp_path):
 def test_readers_of_tokt_read_it(dive):
     out, summary = dive
     assert open_mission(out).cameras == ("left", "right")
-    assert load_calibration(out / "calibration.yml").frame_size == (360, 271)
+    assert load_calibration(out / "calibration.yml").frame_size == (240, 181)
     poses = load_odometry(out / "odometry.csv")
     told = json.loads((out / "scene.json").read_text())["frames"]
     assert list(poses) == [frame["frame"] for frame in told] == list(range(1, N_FRAMES + 1))
@@ -105,7 +105,7 @@ def test_labels_name_a_fault_where_its_centre_is_seen(dive):
         seen = list(views(out, fault))
         assert len(seen) >= 3
         for frame, (x, y), _ in seen:
-            row, col = int(y // 27), int(x // 36)
+            row, col = int(y // 18), int(x // 24)
             assert labels[frame, row, col] == fault["class"]
             around = [labels[frame, row + i, col + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]
             assert around.count(fault["class"]) >= 3
@@ -121,13 +121,13 @@ def test_pictures_show_a_fault_where_its_centre_is(dive):
             cv2.cvtColor(mission.read(frame, camera), cv2.COLOR_BGR2GRAY)
             for camera in ("left", "right")
         )
-        patch = cv2.getRectSubPix(left, (25, 25), (x, y))
+        patch = cv2.getRectSubPix(left, (17, 17), (x, y))
         match = cv2.matchTemplate(
-            cv2.getRectSubPix(right, (65, 65), (u, v)), patch, cv2.TM_CCOEFF_NORMED
+            cv2.getRectSubPix(right, (43, 43), (u, v)), patch, cv2.TM_CCOEFF_NORMED
         )
         _, best, _, place = cv2.minMaxLoc(match)
         assert best > 0.6
-        assert np.abs(np.subtract(place, 20)).max() <= 2
+        assert np.abs(np.subtract(place, 13)).max() <= 1
 
 
 def test_begins_and_ends_in_open_water(dive):

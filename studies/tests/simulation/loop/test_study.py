@@ -19,7 +19,7 @@ from tokt_studies.simulation.loop.track import Track
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
 
-ROOT = Path(__file__).parents[4]
+ROOT, WIDTH = Path(__file__).parents[4], 240
 SMALL = {
     **{"SEEDS": (900_001, 900_002), "FRAMES": 30, "DRIFT_SEEDS": (900_101,), "DRIFT_FRAMES": 8},
     **{"FOLDS": 2, "EMBARGO_FRAMES": 2, "PRESET": "plain"},
@@ -34,7 +34,7 @@ def model(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         for name, value in SMALL.items():
             patch.setattr(default_model, name, value)
-        bundle = train_default_model(path, 360, lambda items, *_: items, said.append, jobs=1)
+        bundle = train_default_model(path, WIDTH, lambda items, *_: items, said.append, jobs=1)
     assert said == ["-- train a model on 3 rendered missions (--model FILE spares it)"]
     assert bundle.data == path.read_bytes() and bundle.name == default_model.NAME
     assert "open-water-900101 8" in bundle.content.card
@@ -42,11 +42,12 @@ def model(tmp_path_factory):
 
 
 def test_a_study(model, tmp_path, monkeypatch):
-    monkeypatch.setattr(scenes, "START_M", -7.0)
-    monkeypatch.setattr(flight, "MAX_S", 13.0)  # into the tower, or beside it by then
+    monkeypatch.setattr(scenes, "START_M", -5.0)
+    monkeypatch.setattr(flight, "MAX_S", 10.0)  # into the tower, or beside it by then
     out = tmp_path / "out"
-    command = ["simulate", out, "--closed-loop", "--scenes", "tower", "--methods", "texture,none"]
-    ran = succeeds(*command, "--seed", 1001, "--runs", 1, "--model", model, "--jobs", 1, "--json")
+    command = ["simulate", out, "--closed-loop", "--scenes", "tower", "--width", WIDTH]
+    command += ["--methods", "texture,none", "--seed", 1001, "--runs", 1, "--model", model]
+    ran = succeeds(*command, "--jobs", 1, "--json")
     said, written = json.loads(ran.out), json.loads((out / "results.json").read_text())
     assert said == written and said["format"] == 1 and said["seeds"] == [1001, 1001]
     texture, none = said["table"]
@@ -118,7 +119,7 @@ def test_the_page_has_the_study_s_figures_and_keeps_its_words(tmp_path, monkeypa
     assert script.PAGE.read_text(encoding="utf-8").count(script.BEGIN) == 1
     out = tmp_path / "out"
     command = ["simulate", out, "--closed-loop", "--jobs", 1, "--runs", 1]
-    command += ["--scenes", "empty,floor"]
+    command += ["--scenes", "empty,floor", "--width", WIDTH]
     assert "false avoidance in   -" in succeeds(*command, "--methods", "disparity,none").out
     monkeypatch.setattr(script, "PAGE", page)
     monkeypatch.setattr(script, "DEFAULT", "disparity")
@@ -129,7 +130,7 @@ def test_the_page_has_the_study_s_figures_and_keeps_its_words(tmp_path, monkeypa
         assert text.startswith("Before.\n") and text.endswith("After.\n") and "old" not in text
         assert "| 0 of 1 (0.0 to 97.5 %) |" in text and "| 0, 0, 0 of 1 |" in text
         assert "| - |" in text and "| 0, 0, - of 1 |" in text, "the ground is always in view"
-        assert f"Seeds from 1 to 1, of frames 360 pixels wide. tokt {__version__} flew" in text
+        assert f"Seeds from 1 to 1, of frames {WIDTH} pixels wide. tokt {__version__} flew" in text
 
 
 def test_a_track_of_yesterday_is_read_and_of_tomorrow_refused():
