@@ -1,7 +1,6 @@
 """The boundary that moves: the same in a fold, in the runtime and in an evaluation."""
 
 import json
-import shutil
 from dataclasses import replace
 from functools import partial
 
@@ -9,13 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.calls import call_tokt
-from tests.fixtures import TRAIN_TINY, quiet
+from tests.calls import succeeds
+from tests.fixtures import quiet
 from tokt.features.extractors.extractor import build_extractor, extractor_named
 from tokt.features.frames.mission import LEFT, open_mission
 from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import TextureDetector
-from tokt.models.bundle.bundle import bundle_bytes, read_bundle
+from tokt.models.bundle.bundle import bundle_bytes
+from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.evaluation.evaluate import score_mission
@@ -23,6 +23,7 @@ from tokt.training.fitting.classifier import decision_values, fit_rows
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.drift_limits import NOVEL_RATE, novelty_limit
 from tokt.training.fitting.presets import Hyperparameters, settings_named
+from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
 from tokt.training.fitting.whole_frames import WholeFrames, judged
 
@@ -30,20 +31,25 @@ LBP = extractor_named("lbp_24_8")
 MOVING = replace(settings_named("water"), landmarks=60, penalties=(1.0,))
 
 
+def measured(trained, folder, moving):
+    """A model of the tiny dataset whose boundary moves or does not, before it is registered."""
+    settings = replace(MOVING, moving_boundary=moving)
+    dataset = open_dataset("tiny", trained / "datasets")
+    request = TrainRequest(dataset, "moving", LBP, "lbp_24_8", settings, Split(3, 1))
+    return fit_and_measure(request, folder, quiet, jobs=1, stress=("gain_0.5",))
+
+
 @pytest.fixture(scope="module")
-def bundle(trained, tmp_path_factory):
-    """A model of the tiny dataset whose boundary moves."""
-    folder = tmp_path_factory.mktemp("moving")
-    file, workspace = folder / "moving.tokt", folder / ".tokt"
-    shutil.copytree(trained, workspace)
-    for command in (
-        ("train", "tiny", "--preset", "water", "--extractor", "lbp_24_8", "--name", "moving"),
-        ("export", "moving", "-o", file),
-    ):
-        more = ("--max-samples", 1000, *TRAIN_TINY) if command[0] == "train" else ()
-        ran = call_tokt(*command, *more, "--workspace", workspace)
-        assert ran.code == 0, ran.err
-    return read_bundle(file)
+def made(trained, tmp_path_factory):
+    return measured(trained, tmp_path_factory.mktemp("features"), moving=True)
+
+
+@pytest.fixture(scope="module")
+def bundle(made, begun, tmp_path_factory):
+    """A registered model of the tiny dataset whose boundary moves."""
+    registry = Registry(begun(tmp_path_factory.mktemp("moving") / ".tokt"))
+    log_and_register(made, registry)
+    return registry.bundle("moving")
 
 
 def test_a_fold_judges_as_the_runtime_and_an_evaluation_do(bundle, trained, tiny, tmp_path):
@@ -51,8 +57,7 @@ def test_a_fold_judges_as_the_runtime_and_an_evaluation_do(bundle, trained, tiny
     features, whole = described(dataset, dict(bundle.extractor_spec), tmp_path)
     every = np.arange(len(dataset.patches))
     choice = Hyperparameters(bundle.metrics["folds"][0]["penalty"])
-    settings = replace(settings_named("water"), max_samples=1000)
-    pipeline = fit_rows(features, dataset.targets(), every, choice, settings)
+    pipeline = fit_rows(features, dataset.targets(), every, choice, MOVING)
     mission, left = open_mission(tiny.path), (dataset.patches.camera == LEFT).to_numpy()
     mine = dataset.patches[left]
     prior, judge = bundle.operating_point.water, partial(decision_values, pipeline)
@@ -80,22 +85,15 @@ def test_an_evaluation_with_a_fixed_boundary_is_that_of_a_model_without_prior(
         file = tmp_path / "evaluated.tokt"
         file.write_bytes(bundle_bytes(content))
         given = ("--mission", tiny.path, "--labels", tiny.labels, *more, "--workspace", tmp_path)
-        ran = call_tokt("evaluate", file, *given, "--json")
-        assert ran.code == 0, ran.err
-        told = json.loads(ran.out)
+        told = json.loads(succeeds("evaluate", file, *given, "--json").out)
         found.append((told["patch"], told["frames"]))
     assert found[0] == found[1] != found[2]
 
 
-def test_in_a_fold_it_moves_by_frame_and_by_little(trained, tmp_path):
-    dataset = open_dataset("tiny", trained / "datasets")
-    held = {}
-    for name, moving in (("moving", True), ("fixed", False)):
-        settings = replace(MOVING, moving_boundary=moving)
-        request = TrainRequest(dataset, "m", LBP, "lbp_24_8", settings, Split(3, 1))
-        made = fit_and_measure(request, tmp_path, quiet, jobs=1, stress=("gain_0.5",))
-        assert (made.operating_point.water is not None) == moving
-        held[name] = made.held_out
+def test_in_a_fold_it_moves_by_frame_and_by_little(made, trained, tmp_path):
+    fixed = measured(trained, tmp_path, moving=False)
+    assert made.operating_point.water is not None and fixed.operating_point.water is None
+    held, dataset = {"moving": made.held_out, "fixed": fixed.held_out}, made.request.dataset
     frames = dataset.patches.groupby(["mission", "camera", "frame"]).ngroup()
     for one, two in (
         (held["moving"].values, held["fixed"].values),

@@ -5,12 +5,14 @@ import math
 import shutil
 import sys
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
 import pytest
 
 from tests.calls import refuses
+from tests.fixtures import quiet
 from tests.training.rig.test_depth import read_ply
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.calibration_writer import write_calibration
@@ -50,18 +52,23 @@ def pose_of(frame):
     return cv2.Rodrigues(turn)[0], centre
 
 
+@cache
+def rays_of(side):
+    """Where each pixel of a picture looks, in the axes of its camera."""
+    K, D = (CALIBRATION.K1, CALIBRATION.D1) if side == 0 else (CALIBRATION.K2, CALIBRATION.D2)
+    pixels = np.dstack(np.meshgrid(*map(np.arange, SIZE))).reshape(-1, 1, 2).astype(float)
+    steps = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
+    rays = cv2.undistortPoints(pixels, K, D, None, None, None, steps).reshape(-1, 2)
+    return np.column_stack([rays, np.ones(len(rays))])
+
+
 def draw(frame, side, textures):
     """A picture of the square, the wall and open water, and in one frame a speck."""
-    K, D = (CALIBRATION.K1, CALIBRATION.D1) if side == 0 else (CALIBRATION.K2, CALIBRATION.D2)
     turn, centre = pose_of(frame)
     if side:
         shift = CALIBRATION.T_mm.ravel() / 1000
         centre, turn = centre - turn @ CALIBRATION.R.T @ shift, turn @ CALIBRATION.R.T
-    columns, rows = np.meshgrid(np.arange(SIZE[0], dtype=float), np.arange(SIZE[1], dtype=float))
-    pixels = np.dstack([columns, rows]).reshape(-1, 1, 2)
-    steps = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
-    rays = cv2.undistortPoints(pixels, K, D, None, None, None, steps).reshape(-1, 2)
-    rays = np.column_stack([rays, np.ones(len(rays))]) @ turn.T
+    rays = rays_of(side) @ turn.T
     things = [(FAR_M, 0.0, HALF_M[1]), (NEAR_M, 0.0, HALF_M[0])]
     if frame == SPECK:
         things.append((SPECK_M, 0.45, 0.07))
@@ -137,18 +144,13 @@ def in_picture(side, points):
     if side == "left":
         K, D, turn, shift = CALIBRATION.K1, CALIBRATION.D1, np.eye(3), np.zeros(3)
     else:
-        K, D, turn = CALIBRATION.K2, CALIBRATION.D2, CALIBRATION.R
-        shift = CALIBRATION.T_mm / 1000
+        K, D, turn, shift = CALIBRATION.K2, CALIBRATION.D2, CALIBRATION.R, CALIBRATION.T_mm / 1000
     return cv2.projectPoints(points, turn, shift, K, D)[0].reshape(-1, 2)
 
 
 def moved(points, pose):
     """Points taken by a pose as OpenSfM writes it."""
     return points @ cv2.Rodrigues(np.array(pose["rotation"]))[0].T + pose["translation"]
-
-
-def passing(items, total, what):
-    return items
 
 
 def robust(values):
@@ -381,7 +383,7 @@ def test_lenses_that_a_program_has_no_model_for_are_refused(tmp_path):
 
     def write(D, program, name):
         of = Export(None, replace(CALIBRATION, D1=np.array(D)), [], {}, {})
-        return of.write(program, tmp_path / name, passing)
+        return of.write(program, tmp_path / name, quiet)
 
     eight = [0.12, 0.08, 0.002, -0.001, 0.03, 0.01, -0.02, 0.004]
     refuses("opensfm knows no more than 5 numbers", write, eight, OPENSFM, "a")
