@@ -90,12 +90,13 @@ function hatching(/** @type {Context} */ ctx) {
 }
 
 /** The first cell of each connected area of equal keys. */
-function firstOfAreas(/** @type {unknown[]} */ keys) {
+export function firstOfAreas(/** @type {unknown[]} */ keys) {
   const known = new Set();
   return [...keys.keys()].filter((start) => {
     if (keys[start] === null || known.has(start)) return false;
     const waiting = [start];
     for (const cell of waiting) {
+      if (known.has(cell)) continue; // reached by another way too
       known.add(cell);
       const [row, col] = rowCol(cell);
       const near = Object.values(ARROWS).map(([down, right]) => cellAt(row + down, col + right));

@@ -1,10 +1,13 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
+import { mission } from "../../../../labels/page/static/core/mission.js";
 import { describeCell, describeFrame, describeInfo } from "../../../../labels/page/static/frame/frame_bar.js";
 import { noteWords } from "../../../../labels/page/static/frame/notes.js";
 import { Timeline, niceStep } from "../../../../labels/page/static/frame/timeline.js";
 import { Viewport } from "../../../../labels/page/static/frame/viewport.js";
-import { disagree, shownCell } from "../../../../labels/page/static/labelling/cell_drawing.js";
+import {
+  disagree, firstOfAreas, shownCell,
+} from "../../../../labels/page/static/labelling/cell_drawing.js";
 import { TileSelection } from "../../../../labels/page/static/sheets/tile_grid.js";
 import { patchInTile } from "../../../../labels/page/static/sheets/tile_pictures.js";
 import { loaded } from "./missions.js";
@@ -26,6 +29,14 @@ test("people disagree where two are sure of different classes", () => {
   assert.equal(disagree(["reef", "reef", null]), false);
   assert.equal(disagree(["reef", "unsure"]), false);
   assert.equal(disagree(["reef", null, "sand"]), true);
+});
+
+test("an area has one first cell, which a frame of one class shows at once too", () => {
+  assert.deepEqual(firstOfAreas(["a", "b", "a", "a", "a", "b", null, "a", "a", "a", "a", null]), [0, 1, 2]);
+  const { grid } = mission;
+  mission.grid = { rows: 20, cols: 20, width: null };
+  assert.deepEqual(firstOfAreas(Array(400).fill("reef")), [0]);
+  mission.grid = grid;
 });
 
 function viewport() {
