@@ -1,5 +1,6 @@
 """The wheel of the studies: its files, the tokt it is pinned to, and its commands beside tokt's."""
 
+import os
 import re
 import subprocess
 import sys
@@ -19,6 +20,9 @@ PACKAGE = "studies/src/"
 
 @pytest.fixture(scope="module")
 def studies_wheel(sources, tmp_path_factory):
+    """tokt-studies as a wheel; one that is built already lies beside that of tokt."""
+    if "TOKT_WHEEL" in os.environ:
+        return next(Path(os.environ["TOKT_WHEEL"]).parent.glob("tokt_studies-*.whl"))
     built = tmp_path_factory.mktemp("studies")
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet")
     options = ("--no-build-isolation", "--no-deps", "--wheel-dir", built, sources / "studies")

@@ -2,15 +2,15 @@
 
 import json
 import shutil
-import subprocess
-import sys
 import time
+from contextlib import closing
 
 import mlflow
 import pytest
 
 from tests.calls import call_tokt, refused, succeeds
 from tests.fixtures import TRAIN_TINY, draw_tiny_frame
+from tests.forking import ForkHost
 from tests.models.parts import unpack
 from tests.models.registry.serving import mlflow_serves
 from tests.process.postgres import PASSWORD, create_database, postgres
@@ -77,15 +77,13 @@ def test_the_whole_way_on_postgresql_alone(database, elsewhere, tiny_bundle, tmp
     assert list((tmp_path / "somewhere").iterdir()) == []
 
 
-def test_two_trainings_at_once(database, elsewhere, monkeypatch):
+def test_two_trainings_at_once(database, elsewhere, preload, monkeypatch):
     """Of a model that is not there yet: each gets a number, and has it in its bundle."""
     monkeypatch.setenv("MLFLOW_TRACKING_URI", create_database(database, "shared"))
     assert succeeds("models", "list", "--workspace", elsewhere).out == ""  # makes the tables
-    command = [sys.executable, "-m", "tokt", *map(str, TRAIN), "--workspace", str(elsewhere)]
-    both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
-    for process in both:
-        _, said = process.communicate(timeout=MAX_S)
-        assert process.returncode == 0, said
+    with closing(ForkHost(preload)) as host:
+        both = [host.start(*TRAIN, "--workspace", elsewhere) for _ in range(2)]
+        assert [process.wait(MAX_S) for process in both] == [0, 0], both[0].stderr.read()
     registry = Registry(elsewhere)
     versions = registry.versions()
     assert len(versions) == 2

@@ -68,14 +68,14 @@ MISSIONS = {
     "right camera only": of(lambda frame, side: texture(frame), sides=["Right"]),
     "1x1 pixels": of(noise(1, 1)),
     "3000x1 pixels": of(noise(1, 3000), frames=2),
-    "4000x3000 pixels": of(lambda frame, side: cv2.resize(texture(frame), (4000, 3000)), frames=1),
+    "4000x1500 pixels": of(lambda frame, side: cv2.resize(texture(frame), (4000, 1500)), frames=1),
     "left and right alike": of(lambda frame, side: texture(frame)),
     "two sizes": of(lambda frame, side: texture(frame)[:: 1 + frame % 2, :: 1 + frame % 2]),
     "sixteen bits and transparency by turns": of(
         lambda frame, side: (
-            np.dstack([texture(frame)] * 4)
+            np.dstack([texture(frame)[:54, :72]] * 4)
             if (frame % 2) == (side == "Left")
-            else texture(frame).astype(np.uint16) * 257
+            else texture(frame)[:54, :72].astype(np.uint16) * 257
         )
     ),
     "no pictures": of(lambda frame, side: b"this is no picture"),
@@ -219,7 +219,7 @@ def test_every_command_ends_with_an_answer_or_one_line(name, tmp_path, tiny_bund
     port, faults = free_port(), []
     more = (COMPARE,) if name in COMPARED else SLOW if name in HOLDS_NOTHING else ()
     for command in (*COMMANDS, *more):
-        if name == "4000x3000 pixels" and ("--board" in command or "sgbm" in command):
+        if name == "4000x1500 pixels" and ("--board" in command or "sgbm" in command):
             continue  # a minute a picture
         words = [str({"MISSION": mission, "PORT": port}.get(w, w)) for w in command.split()]
         with page_looked_at(port) if command.startswith("label ") else nullcontext([]) as pages:

@@ -4,20 +4,12 @@ import json
 
 import pytest
 
-from tests.load.effort.effort import LabellingEffort
-
 TIMES = [
     *("first_page", "next_frame", "next_frame_fast", "jump"),
     *("acknowledged", "answered", "other_tab"),
     *("first_page_labelled", "next_frame_labelled", "next_frame_fast_labelled"),
     *("acknowledged_labelled", "answered_labelled"),
 ]
-ABOUT = {
-    "machine": {"cpu": "a processor", "cores": 2, "python": "3.12"},
-    "browser": "Chromium",
-    "mission": "dive",
-    "frames": 30,
-}
 
 
 def test_everything_a_person_waits_for_is_measured(tiny, run_load, tmp_path):
@@ -36,9 +28,3 @@ def test_everything_a_person_waits_for_is_measured(tiny, run_load, tmp_path):
     assert found["frames"] == 30 and found["mission"] == "tiny" and found["effort"] == []
     assert json.loads((out / "label.json").read_text("utf-8")) == found
     assert sorted(path.name for path in out.iterdir()) == ["label.json", "label.png"]
-
-
-def an_effort(with_model: int, **more) -> LabellingEffort:
-    return LabellingEffort(
-        "dive 1-36", 36, **{"unsure": False, "without": 60, **more}, with_model=with_model
-    )

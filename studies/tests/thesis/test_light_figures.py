@@ -46,8 +46,8 @@ Judge = Callable[..., Exhibit]
 
 @pytest.fixture
 def judge(judged, context_of, monkeypatch):
-    """Bad lighting by what was asked, with models that are made already, in two lights."""
-    monkeypatch.setattr(light_figures, "LIGHTS", (1.0, 0.03))
+    """Bad lighting by what was asked, with models that are made already, in one light more."""
+    monkeypatch.setattr(light_figures, "LIGHTS", (0.03,))
     shared = ("curves", "thesis", "ocean", "other", "labels")
     given = {name: getattr(judged, name) for name in shared}
     return lambda **asked: bad_lighting(context_of(judged.mission.path, given, **asked))
@@ -102,8 +102,9 @@ def test_bad_lighting_without_a_mask_scores_nothing(lit, tmp_path, judge):
     assert "too dark" in table.loc["tokt texture", "not judged"]
 
 
-def test_bad_lighting_rendered(judge):
+def test_bad_lighting_rendered(judge, monkeypatch):
     """Without an image a bright one with its exact mask, said so, and the lamp going down."""
+    monkeypatch.setattr(light_figures, "LIGHTS", (1.0, 0.03))
     exhibit = judge()
     assert "Rendered" in exhibit.words[0]
     river, training, low = exhibit.claims

@@ -58,8 +58,8 @@ def test_an_obstacle_at_the_right_edge_is_cut_off(reproduced, monkeypatch):
 
 
 def test_the_exhibit(reproduced, monkeypatch):
-    for name in ("OPEN_FRAMES", "SWEPT_FRAMES", "MIRRORED_FRAMES"):
-        monkeypatch.setattr(margin_figures, name, 2)
+    for name, count in (("OPEN_FRAMES", 1), ("SWEPT_FRAMES", 1), ("MIRRORED_FRAMES", 2)):
+        monkeypatch.setattr(margin_figures, name, count)
     exhibit = margin_exhibit(reproduced)
     assert len(exhibit.claims) == 3
     sweep, edges = (table.frame for table in exhibit.tables)
