@@ -48,10 +48,8 @@ LABEL_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """One Hypothesis profile a tier; all examples unless the command line wants few.
-
-    What is imported and collected stays: to look for garbage in it takes a tenth of all time.
-    """
+    """One Hypothesis profile a tier; all examples unless the command line wants few."""
+    # What is imported and collected stays: to look for garbage in it takes a tenth of all time.
     gc.set_threshold(100_000, 50, 100)
     register_profiles(config.getoption("--hypothesis-profile") or "full")
 
@@ -83,11 +81,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(tier_of(item.path).name)
         if is_proof(item.path):
             item.add_marker("proof")
-
-
-def pytest_collection_finish() -> None:
-    """What has been collected is garbage for nobody."""
-    gc.freeze()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

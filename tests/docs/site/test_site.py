@@ -28,10 +28,7 @@ LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)|<img[^>]* src=\"([^\"]+)\"", re.DO
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The site, built strictly: a dead link, an anchor that is not there, a page in no menu.
-
-    TOKT_SITE names one that `make docs` has built.
-    """
+    """The site, built strictly: a dead link fails. TOKT_SITE names that of `make docs`."""
     if "TOKT_SITE" in os.environ:
         return Path(os.environ["TOKT_SITE"]).resolve()
     folder = tmp_path_factory.mktemp("site")

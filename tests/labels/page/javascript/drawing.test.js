@@ -5,9 +5,7 @@ import { describeCell, describeFrame, describeInfo } from "../../../../labels/pa
 import { noteWords } from "../../../../labels/page/static/frame/notes.js";
 import { Timeline, niceStep } from "../../../../labels/page/static/frame/timeline.js";
 import { Viewport } from "../../../../labels/page/static/frame/viewport.js";
-import {
-  disagree, firstOfAreas, shownCell,
-} from "../../../../labels/page/static/labelling/cell_drawing.js";
+import { disagree, firstOfAreas, shownCell } from "../../../../labels/page/static/labelling/cell_drawing.js";
 import { TileSelection } from "../../../../labels/page/static/sheets/tile_grid.js";
 import { patchInTile } from "../../../../labels/page/static/sheets/tile_pictures.js";
 import { loaded } from "./missions.js";
