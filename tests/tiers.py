@@ -12,7 +12,7 @@ from hypothesis import settings
 
 HERE = Path(__file__).parent
 STUDIES = HERE.parent / "studies" / "tests"
-SHARES = {"quick": 0.25, "full": 1.0}
+SHARES = {"quick": 0.25, "landing": 0.25, "full": 1.0}
 """Hypothesis profiles of the command line, and the share of each test's examples that they try."""
 
 
@@ -99,7 +99,7 @@ def register_profiles(name: str) -> None:
     """One profile a tier, as the command line's ``--hypothesis-profile`` wants it.
 
     A quick run tries the same few examples each time: what fails after a change fails by it.
-    A full run draws new ones, as each may find what none before did, and prints how to repeat it.
+    The others draw new ones, as each may find what none before did, and print how to repeat it.
     No example has a deadline: a busy machine is no fault.
     """
     global _share
