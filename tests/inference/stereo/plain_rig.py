@@ -86,7 +86,7 @@ def lit_sea(seed: int) -> tuple[np.ndarray, np.ndarray]:
 @cache
 def _sensor_noise() -> np.ndarray:
     """Of two cameras; moved about it is another frame's, and sooner than drawn anew."""
-    return 0.6 * np.random.default_rng(0).standard_normal((2, HEIGHT, WIDTH), np.float32)
+    return np.random.default_rng(0).normal(0, 0.6, (2, HEIGHT, WIDTH)).astype(np.float32)
 
 
 def sea_trial(mission: Path, camera: str, number: int) -> np.ndarray:

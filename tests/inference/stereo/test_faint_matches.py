@@ -170,7 +170,7 @@ def in_open_water(request):
         number = next(numbers)
         if not sides:
             return detector.detect(Frame(number, 0.0, *open_water(number % 12)))
-        views = zip("lr", lit_sea(number), strict=True)
+        views = zip("lr", lit_sea(number % 12), strict=True)
         seen = (attacked(attack, view) if side in sides else view for side, view in views)
         return detector.detect(Frame(number, 0.0, *map(as_picture, seen)))
 
