@@ -8,9 +8,9 @@ SCRIPTS_READY := node_modules/ready
 
 .PHONY: demo docs test test-rest test-all wheels test-wheels newest check sanitize fuzz soak scale page-times effort video fingerprint format clean
 
-# A checkout that tests run in has all that the demo needs. DEMO: more options of the command.
+# A checkout that tests run in has all that the demo needs.
 demo: $(if $(wildcard $(READY)),$(READY),$(DEMO_READY))
-	$(BIN)/tokt demo --out demo-out $(DEMO)
+	$(BIN)/tokt demo --out demo-out
 
 # The docs' site in build/site, with the notebooks run: any warning, such as a dead link, is an error.
 docs: $(READY)

@@ -30,7 +30,7 @@ from hypothesis import settings
 from numpy.typing import NDArray
 
 from tests.calls import call_tokt
-from tests.load.page.tab import chromium
+from tests.chromium import chromium
 from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid

@@ -107,7 +107,9 @@ def test_preset_thesis_follows_the_thesiss_curve(train, workspace, mission_dir):
     bundles = [Registry(workspace).bundle(f"thesis-{column}") for column in columns]
     counts = []
     for picture in map(open_mission(mission_dir).read, CURVE_FRAMES):
-        counts += [[b.model.obstacle_patches(b.decision_values(picture)).sum() for b in bundles]]
+        values = [bundle.decision_values(picture) for bundle in bundles]
+        judged = zip(bundles, values, strict=True)
+        counts.append([bundle.model.obstacle_patches(one).sum() for bundle, one in judged])
     for column, found in zip(columns, np.transpose(counts), strict=True):
         theirs = pd.read_csv(curves, index_col="# frame")[column]
         status = (found > 0).astype(int).tolist()

@@ -10,6 +10,7 @@ from typing import Any
 from rich.table import Table
 
 import tokt
+from tests.chromium import chromium
 from tests.load.effort.effort import LabellingEffort, measure_effort
 from tests.load.effort.stretches import FRAMES
 from tests.load.program import label_server
@@ -27,7 +28,7 @@ from tokt.training.datasets.mission_source import LabelledMission, labelled_miss
 
 from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames
-from .tab import ANNOTATOR, HEIGHT, WIDTH, Tab, chromium
+from .tab import ANNOTATOR, HEIGHT, WIDTH, Tab
 from .times import FIRST_FRAME, Repeats, acknowledging, first_page, jumps, live_update, stepping
 
 LABEL_FILE = "labels.csv"

@@ -1,11 +1,8 @@
 """A tab of the labelling page in a headless Chromium, as a person's hand and eye use it."""
 
 import json
-import shutil
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 from tokt.features.common.errors import ToktError
@@ -119,36 +116,3 @@ class Tab:
                 raise ToktError(f"the page did not get so far in {_MAX_MS // 1000} s: {script}")
             time.sleep(_LOOK_EVERY_S)
         return found
-
-
-_SHELL = "chromium-headless-shell"
-"""Chromium without what a window needs: it takes two thirds of the time, and draws pages alike."""
-_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", _SHELL)
-_ARGUMENTS = (
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-    *("--disable-background-networking", "--disable-background-timer-throttling"),
-    *("--disable-renderer-backgrounding", "--disable-backgrounding-occluded-windows"),
-)
-
-
-@contextmanager
-def chromium(*, shell: bool = False) -> Iterator[Any]:
-    """A headless browser: the system's Chromium, or else the one Playwright fetched.
-
-    Times are measured in the browser that people use; a test may take its `shell` where it is.
-    """
-    try:
-        from playwright.sync_api import sync_playwright
-    except ModuleNotFoundError:
-        raise ToktError("measuring the page needs Playwright (tokt's extra dev)") from None
-    names = sorted(_NAMES, key=lambda name: name != _SHELL) if shell else _NAMES
-    with sync_playwright() as playwright:
-        own = Path(playwright.chromium.executable_path)
-        found = next((path for path in map(shutil.which, names) if path), None)
-        if found is None and not own.is_file():
-            raise ToktError("no Chromium here (apt, or playwright install chromium)")
-        browser = playwright.chromium.launch(executable_path=found or own, args=list(_ARGUMENTS))
-        try:
-            yield browser
-        finally:
-            browser.close()

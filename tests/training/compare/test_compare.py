@@ -294,8 +294,8 @@ def test_several_missions_are_counted_together(compared, told, refused, later_di
     (tmp_path / "missions.toml").write_text(listed, "utf-8")
     command = ("compare", "tiny-lbp", "tiny-thesis", "--workspace", compared.workspace)
     found = told(*command, "--mission", tmp_path)
-    alone = {"mission": f"first={later_dive}", "labels": later_dive / "labels.csv"}
-    alone = tokt.compare(command[1:3], workspace=compared.workspace, **alone).figures
+    first = {"mission": f"first={later_dive}", "labels": later_dive / "labels.csv"}
+    alone = tokt.compare(command[1:3], workspace=compared.workspace, **first).figures
     for both, one in zip(found["models"], alone["models"], strict=True):
         for name in ("n", "ocean_frames", "false_status", "obstacle_frames", "detected", "unknown"):
             assert both["frames"][name] == 2 * one["frames"][name], name

@@ -93,7 +93,8 @@ def test_an_evaluation_with_a_fixed_boundary_is_that_of_a_model_without_prior(
 def test_in_a_fold_it_moves_by_frame_and_by_little(made, trained, tmp_path):
     fixed = measured(trained, tmp_path, moving=False)
     assert made.operating_point.water is not None and fixed.operating_point.water is None
-    held, dataset = {"moving": made.held_out, "fixed": fixed.held_out}, made.request.dataset
+    held = {"moving": made.held_out, "fixed": fixed.held_out}
+    dataset = made.request.dataset
     frames = dataset.patches.groupby(["mission", "camera", "frame"]).ngroup()
     for one, two in (
         (held["moving"].values, held["fixed"].values),

@@ -19,7 +19,8 @@ from tokt_studies.simulation.loop.track import Track
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
 
-ROOT, WIDTH = Path(__file__).parents[4], 240
+ROOT = Path(__file__).parents[4]
+WIDTH = 240  # pixels: flights of smaller frames cost less
 SMALL = {
     **{"SEEDS": (900_001, 900_002), "FRAMES": 30, "DRIFT_SEEDS": (900_101,), "DRIFT_FRAMES": 8},
     **{"FOLDS": 2, "EMBARGO_FRAMES": 2, "PRESET": "plain"},
