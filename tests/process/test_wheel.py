@@ -5,23 +5,18 @@ An editable install hides what a wheel lacks: it finds every file of the checkou
 
 import json
 import re
-import shutil
 import signal
-import subprocess
 import sys
-import tarfile
 import tomllib
 import zipfile
 from fnmatch import fnmatch
-from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from urllib.parse import urljoin
 from urllib.request import urlopen
 
 import psutil
 import pytest
 
-from tests.calls import run_python
 from tests.waiting import MAX_S
 
 from .installed import Installed
@@ -34,25 +29,8 @@ COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)  # types are imported in comments
 MODULE = re.compile(r"""\b(?:from|import)\b[\s(]*["'`](\.{0,2}/[^"'`]+)["'`]""")
 FILLED_IN = re.compile(r"\$\{[^}]*\}")
 
-pytestmark = pytest.mark.xdist_group("wheel")  # it is built once
+pytestmark = pytest.mark.xdist_group("wheel")  # what they share is made once
 on_posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-
-
-def _import_path(name):
-    """Where a file of the checkout belongs in the wheel; None for one outside of the product."""
-    folder = PurePosixPath(name).parts[0]
-    if (ROOT / "src/tokt" / folder).is_symlink():
-        return f"tokt/{name}"
-    return name.removeprefix("src/") if folder == "src" else None
-
-
-@pytest.fixture(scope="module")
-def product(git_files):
-    if not git_files:
-        pytest.skip("not a git checkout")
-    # The scripts' types are for editors: the sdist holds them.
-    placed = {_import_path(name): ROOT / name for name in git_files if not name.endswith(".d.ts")}
-    return {path: file for path, file in placed.items() if path and not file.is_symlink()}
 
 
 @pytest.fixture(scope="module")
@@ -74,66 +52,6 @@ def test_the_wheel_holds_what_git_holds(wheel, product, packed):
     both = sorted(product.keys() & packed.keys())
     assert len(both) > 100
     assert [name for name in both if product[name].read_bytes() != packed[name]] == []
-
-
-def test_without_a_compiler_a_wheel_is_for_all_platforms(wheel, sources, tmp_path):
-    """Though one with compiled kernels was built before in the same folder."""
-    command = ("-m", "pip", "wheel", "--verbose", "--no-build-isolation", "--no-deps")
-    environ = {"CC": "false", "TOKT_REPOSITORY": "https://example.org/tokt"}
-    done = run_python(*command, "--wheel-dir", tmp_path, sources, **environ)
-    assert done.returncode == 0, done.stderr
-    assert "no compiler: the wheel has numpy's kernels alone" in done.stdout + done.stderr
-    (made,) = tmp_path.glob("*.whl")
-    assert made.name.endswith("-py3-none-any.whl")
-    with zipfile.ZipFile(made) as archive:
-        assert not [name for name in archive.namelist() if name.endswith((".so", ".pyd"))]
-        (about,) = (name for name in archive.namelist() if name.endswith("/METADATA"))
-        page = archive.read(about).decode()
-    assert "![" in page and "](https://example.org/tokt/raw/HEAD/docs/pictures/" in page
-    links = re.findall(r"\]\(([^)]+)\)", page)
-    files = [link.removeprefix("https://example.org/tokt/").split("/", 2)[2] for link in links]
-    assert len(files) > 10 and all((ROOT / file).is_file() for file in files)
-    assert "Project-URL: Changelog, https://example.org/tokt/blob/HEAD/CHANGELOG.md" in page
-
-
-def git(folder, *words):
-    who = ("-c", "user.name=tests", "-c", "user.email=tests@example.org")
-    subprocess.run(["git", *who, *words], cwd=folder, check=True, capture_output=True)
-
-
-def checked_in(sources, folder):
-    shutil.copytree(sources, folder, symlinks=True)
-    for words in (("init", "--quiet"), ("add", "--all"), ("commit", "--quiet", "-m", "all")):
-        git(folder, *words)
-    return folder
-
-
-def test_an_sdist_holds_every_file_once(sources, product, tmp_path):
-    """`make wheels` builds what is published from it."""
-    checkout = checked_in(sources, tmp_path / "checkout")
-    program = f"import setuptools.build_meta as b; print(b.build_sdist({str(tmp_path)!r}))"
-    assert run_python("-c", program, folder=checkout).returncode == 0
-    (sdist,) = tmp_path.glob("*.tar.gz")
-    with tarfile.open(sdist) as archive:
-        names = ["/".join(one.name.split("/")[1:]) for one in archive.getmembers() if one.isfile()]
-    assert len(names) == len({*names})
-    assert [path for path in product if f"src/{path}" not in names] == []
-    assert "src/tokt/labels/page/static/core/types.d.ts" in names
-    folders = {path.name for path in (ROOT / "src/tokt").iterdir() if path.is_symlink()}
-    assert len(folders) == 5 and {name.split("/")[0] for name in names}.isdisjoint(folders)
-
-
-def test_a_checkout_without_links_says_how_to_get_them(sources, tmp_path):
-    """As git makes it on Windows by default: a link is a text file."""
-    checked_in(sources, tmp_path / "origin")
-    git(tmp_path, "clone", "--quiet", "-c", "core.symlinks=false", "origin", "plain")
-    version = partial(run_python, "setup.py", "--version", folder=tmp_path / "plain")
-    said = version()
-    assert said.returncode == 1 and said.stdout == "" and said.stderr.count("\n") == 1
-    assert said.stderr.startswith("tokt: error: ") and "is a text file, not a link" in said.stderr
-    for command in re.findall("`git (.*?)`", said.stderr):
-        git(tmp_path / "plain", *command.split())
-    assert version().returncode == 0
 
 
 @pytest.fixture(scope="module")
