@@ -6,14 +6,14 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, BinaryIO
 
 # One process for features: starting a pool takes longer than forty small frames.
 os.environ["LOKY_MAX_CPU_COUNT"] = "1"
@@ -26,10 +26,13 @@ import numpy as np
 import pytest
 import typer.main
 from _pytest.mark.expression import Expression
+from filelock import FileLock
 from hypothesis import settings
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tests.calls import call_tokt
+from tests.calls import call_tokt, succeeds
 from tests.chromium import chromium
 from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
 from tokt.features.common.errors import ToktError
@@ -88,6 +91,20 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     settings.load_profile(tier_of(item.path).name)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def coarse_figures():
+    """Figures are drawn, coarsely: fine ones take most of the time of what makes them."""
+
+    def save(figure: Figure, buffer: BinaryIO, **_: object) -> None:
+        figure.set_layout_engine("none")
+        figure.set_dpi(20)
+        FigureCanvasAgg(figure).print_png(buffer)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Figure, "savefig", save)
+        yield
+
+
 @pytest.fixture(scope="session")
 def mission_dir():
     """The real mission's folder."""
@@ -118,19 +135,6 @@ def sources(git_files, tmp_path_factory):
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / name, copy / name, follow_symlinks=False)
     return copy
-
-
-@pytest.fixture(scope="session")
-def wheel(sources, tmp_path_factory):
-    """tokt as a wheel; `packaging/wheels.py test` names one that is built already."""
-    if "TOKT_WHEEL" in os.environ:
-        return Path(os.environ["TOKT_WHEEL"])
-    built = tmp_path_factory.mktemp("wheel")
-    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet")
-    options = ("--no-build-isolation", "--no-deps", "--wheel-dir", built, sources)
-    done = subprocess.run([*pip, *options], capture_output=True, text=True, check=False, cwd=built)
-    assert done.returncode == 0, done.stderr
-    return next(built.glob("tokt-*.whl"))
 
 
 def tower_cells(frame: int) -> list[tuple[int, int]]:
@@ -204,13 +208,52 @@ class TinyMission:
 
 
 @pytest.fixture(scope="session")
-def tiny(tmp_path_factory):
+def shared_folder(tmp_path_factory, worker_id):
+    """Fill a folder once for all workers: the first that asks fills it, the others wait for it."""
+    base = tmp_path_factory.getbasetemp()
+    base = base if worker_id == "master" else base.parent
+
+    def fill(name: str, make: Callable[[Path], object]) -> Path:
+        folder, made = base / name, base / f"{name}.made"
+        with FileLock(base / f"{name}.lock"):
+            if not made.exists():
+                folder.mkdir()
+                make(folder)
+                made.touch()
+        return folder
+
+    return fill
+
+
+@pytest.fixture(scope="session")
+def wheel(sources, shared_folder):
+    """tokt as a wheel; `packaging/wheels.py test` names one that is built already."""
+    if "TOKT_WHEEL" in os.environ:
+        return Path(os.environ["TOKT_WHEEL"])
+
+    def build(folder: Path) -> None:
+        pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet")
+        options = ("--no-build-isolation", "--no-deps", "--wheel-dir", folder, sources)
+        how = {"capture_output": True, "text": True, "check": False, "cwd": folder}
+        done = subprocess.run([*pip, *options], **how)
+        assert done.returncode == 0, done.stderr
+
+    return next(shared_folder("wheel", build).glob("tokt-*.whl"))
+
+
+@pytest.fixture(scope="session")
+def tiny(shared_folder):
     """The tiny mission; not to be changed."""
-    folder = tmp_path_factory.mktemp("mission") / "tiny"
-    (folder / "Left").mkdir(parents=True)
-    for frame in range(1, TINY_FRAMES + 1):
-        cv2.imwrite(str(folder / "Left" / f"tiny_L_{frame}.png"), draw_tiny_frame(frame))
-    return TinyMission(folder, write_labels(folder / "labels.csv", tiny_labels()))
+
+    def draw(folder: Path) -> None:
+        (folder / "tiny/Left").mkdir(parents=True)
+        for frame in range(1, TINY_FRAMES + 1):
+            path = folder / f"tiny/Left/tiny_L_{frame}.png"
+            cv2.imwrite(str(path), draw_tiny_frame(frame))
+        write_labels(folder / "tiny/labels.csv", tiny_labels())
+
+    mission = shared_folder("mission", draw) / "tiny"
+    return TinyMission(mission, mission / "labels.csv")
 
 
 @pytest.fixture
@@ -250,16 +293,16 @@ TRAIN_TINY = ("--folds", 3, "--embargo", 1)
 
 
 @pytest.fixture(scope="session")
-def trained(tiny, tmp_path_factory):
+def trained(tiny, shared_folder):
     """A workspace with dataset `tiny` and model `tiny-lbp/1` (preset plain); not to be changed."""
-    workspace = tmp_path_factory.mktemp("workspace") / ".tokt"
-    for command in (
-        ("dataset", "build", "tiny", "--mission", tiny.path, "--labels", tiny.labels, *BUILD_TINY),
-        ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY),
-    ):
-        ran = call_tokt(*command, "--workspace", workspace)
-        assert ran.code == 0, ran.err
-    return workspace
+    mission = ("--mission", tiny.path, "--labels", tiny.labels)
+
+    def train(folder: Path) -> None:
+        where = ("--workspace", folder / ".tokt")
+        succeeds("dataset", "build", "tiny", *mission, *BUILD_TINY, *where)
+        succeeds("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY, *where)
+
+    return shared_folder("workspace", train) / ".tokt"
 
 
 @pytest.fixture
@@ -273,8 +316,7 @@ def workspace(trained, tmp_path):
 def tiny_bundle(trained, tmp_path_factory):
     """`tiny-lbp/1` as a bundle file; not to be changed."""
     path = tmp_path_factory.mktemp("exported") / "tiny-lbp-1.tokt"
-    ran = call_tokt("export", "tiny-lbp", "-o", path, "--workspace", trained)
-    assert ran.code == 0, ran.err
+    succeeds("export", "tiny-lbp", "-o", path, "--workspace", trained)
     return path
 
 

@@ -17,7 +17,6 @@ TRAINING_TOOLS = (
     *("mlflow", "pandas", "sklearn", "skimage", "mahotas", "scipy", "joblib"),
     *("matplotlib", "pyarrow", "fastapi", "jinja2", "pydantic"),
 )
-pytestmark = pytest.mark.xdist_group("wheel")  # it is built once
 
 
 def _run(*command):

@@ -77,11 +77,17 @@ def cut_patches():
 
 
 @pytest.fixture(scope="session")
-def cut(begun, cut_patches, done, tmp_path_factory):
+def cut(begun, cut_patches, done, shared_folder):
     """A workspace with dataset `cut` and its model `cut-lbp`, and what people were told of both."""
-    folder = tmp_path_factory.mktemp("cut")
-    patches, workspace = cut_patches(folder / "patches", 1, 20), begun(folder / ".tokt")
-    where = ("--workspace", workspace)
-    built = done("dataset", "build", "cut", "--patches", patches, *where).out
-    trained = done("train", "cut", "--extractor", "lbp", "--preset", "plain", *where).out
-    return SimpleNamespace(workspace=workspace, patches=patches, built=built, trained=trained)
+
+    def train(folder):
+        patches, where = cut_patches(folder / "patches", 1, 20), begun(folder / ".tokt")
+        built = done("dataset", "build", "cut", "--patches", patches, "--workspace", where)
+        model = ("--extractor", "lbp", "--preset", "plain")
+        trained = done("train", "cut", *model, "--workspace", where)
+        (folder / "told.json").write_text(json.dumps([built.out, trained.out]))
+
+    folder = shared_folder("cut", train)
+    built, trained = json.loads((folder / "told.json").read_text())
+    where = {"workspace": folder / ".tokt", "patches": folder / "patches"}
+    return SimpleNamespace(**where, built=built, trained=trained)

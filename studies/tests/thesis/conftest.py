@@ -1,14 +1,11 @@
-"""What the tests of tokt reproduce share: one small rendered mission, and coarse figures."""
+"""What the tests of tokt reproduce share: one small rendered mission."""
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
@@ -75,15 +72,3 @@ def judged(reproduced, context_of):
     made = context_of(reproduced.mission.path)
     made.__dict__["curves"] = _curves(made)
     return made
-
-
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch):
-    """Figures are drawn, coarsely: fine ones take most of the time of what makes them."""
-
-    def save(figure: Figure, buffer: BinaryIO, **_: object) -> None:
-        figure.set_layout_engine("none")
-        figure.set_dpi(20)
-        FigureCanvasAgg(figure).print_png(buffer)
-
-    monkeypatch.setattr(Figure, "savefig", save)

@@ -38,7 +38,7 @@ def context(judged):
 
 
 @pytest.fixture(autouse=True)
-def undrawn(coarse, request, monkeypatch):
+def undrawn(request, monkeypatch):
     """Figures are put together, but not even coarsely drawn where a test does not ask for it."""
     if "drawn" not in request.fixturenames:
         monkeypatch.setattr(Figure, "savefig", lambda figure, buffer, **_: buffer.write(b"none"))
