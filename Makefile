@@ -21,12 +21,9 @@ QUICK := proof or not (browser or process or study or load or fuzz)
 # Some hundred processes are started: without bytecode on disk each compiles everything anew.
 # One worker more than two cores have: some tests wait for what others of them start.
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -q -n 3 --dist loadgroup
-# `quick` tries a quarter of the examples of tests of properties, the same ones each time;
-# `landing` a quarter, new ones each time; `full` all, as the other targets do.
-EXAMPLES ?= quick
-
+# Of tests of properties a quarter of the examples, the same ones each time; the others try all.
 test: $(READY)
-	$(PYTEST) --hypothesis-profile=$(EXAMPLES) -m "$(QUICK)"
+	$(PYTEST) --hypothesis-profile=quick -m "$(QUICK)"
 
 # What `make test` left out, without what EXCEPT deselects.
 test-rest: $(READY)

@@ -107,7 +107,7 @@ def describe(out: Path) -> None:
 def test(wheels: list[Path]) -> None:
     """Run the tests that a wheel must pass on each wheel, which stands before this checkout."""
     where = "import tokt; print(tokt.__file__)"
-    words = ("-m", "pytest", "-q", "-n", "3", "--dist", "loadgroup", "--hypothesis-profile=landing")
+    words = ("-m", "pytest", "-q", "-n", "3", "--dist", "loadgroup", "--hypothesis-profile=quick")
     files = [f"tests/{test}" for test in TESTS.split()]
     for wheel in wheels:
         with tempfile.TemporaryDirectory() as folder:

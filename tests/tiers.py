@@ -12,7 +12,7 @@ from hypothesis import settings
 
 HERE = Path(__file__).parent
 STUDIES = HERE.parent / "studies" / "tests"
-SHARES = {"quick": 0.25, "landing": 0.25, "full": 1.0}
+SHARES = {"quick": 0.25, "full": 1.0}
 """Hypothesis profiles of the command line, and the share of each test's examples that they try."""
 
 
