@@ -77,9 +77,15 @@ def pytest_collectstart(collector: pytest.Collector) -> None:
         settings.load_profile(tier_of(collector.path).name)
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist looks for groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark each test with the tier of its folder, unless it is marked with another one."""
+    """Mark each test with the tier of its folder, unless it is marked with another one.
+
+    Of the tiers whose fixtures take long, one worker runs a file: they are made once.
+    """
     for item in items:
+        if tier_of(item.path) is not CORE and not item.get_closest_marker("xdist_group"):
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
         if not any(item.get_closest_marker(tier.name) for tier in TIERS):
             item.add_marker(tier_of(item.path).name)
         if is_proof(item.path):

@@ -16,8 +16,6 @@ from tokt.inference.stereo.calibration import StereoCalibration, load_calibratio
 from tokt.inference.stereo.calibration_writer import write_calibration
 from tokt_studies.simulation.rendering.synthetic_mission import MissionScene
 
-pytestmark = pytest.mark.xdist_group("calibrated")  # what they share is made once
-
 WIDTH, FRAMES = 480, range(80, 100, 2)
 
 

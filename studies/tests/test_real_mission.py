@@ -21,10 +21,7 @@ FEW = "80-85,100-105,140-145,160-165,180-185,200-205"
 # Each frame around the first sight of the tower, every eighth elsewhere.
 CURVE_FRAMES = [*range(3, 131, 8), *range(131, 176), *range(179, 247, 8)]
 
-pytestmark = [
-    pytest.mark.mission,
-    pytest.mark.xdist_group("real_mission"),  # what they share is made once
-]
+pytestmark = pytest.mark.mission
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,6 @@ from tests.fixtures import ROOT
 from tests.process.installed import Installed
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
-pytestmark = pytest.mark.xdist_group("studies_wheel")  # what they share is made once
-
 PACKAGE = "studies/src/"
 
 

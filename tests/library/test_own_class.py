@@ -17,8 +17,6 @@ import pytest
 from tests.calls import succeeds
 from tests.fixtures import taxonomy_toml, write_labels
 
-pytestmark = pytest.mark.xdist_group("own_class")  # what they share is made once
-
 GRID, WIDTH, HEIGHT, CELLS = "4x4@96", 96, 72, 4
 WATER, KELP, PIPELINE = "water", "kelp", "pipeline"
 CLASSES = [WATER, KELP, PIPELINE]

@@ -43,8 +43,6 @@ from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import settings_named
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
-pytestmark = pytest.mark.xdist_group("sklearn")  # what they share is made once
-
 EXTRACTORS = {
     "lbp": LBP(),
     "lbp_24_8_frame": LBP(points=24, radius=8, border="frame"),

@@ -29,8 +29,6 @@ from tokt.training.datasets.mission_source import LabelledMission, plan_from_mis
 from tokt.training.fitting.presets import settings_named
 from tokt.training.parallel import mapped
 
-pytestmark = pytest.mark.xdist_group("dask")  # the cluster is started once
-
 SPACE = f"""
 format = 1
 penalties = {list(settings_named("plain").penalties)}

@@ -12,7 +12,6 @@ import tokt
 from .installed import Installed
 
 ROOT = Path(__file__).resolve().parents[2]
-pytestmark = pytest.mark.xdist_group("editors")  # what they share is made once
 
 PROGRAM = '''"""Count the frames of a dive that show an obstacle."""
 

@@ -25,10 +25,7 @@ from tokt.models.registry.registry import Registry
 from tokt.models.store.store import Store
 from tokt.training.datasets.dataset import list_datasets, open_dataset
 
-pytestmark = [
-    pytest.mark.xdist_group("kill"),  # what they share is made once
-    pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
-]
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 TRIALS = 3
 
 NEW_REGISTRY = "new registry"  # what no command does alone: makes one in the folder that follows

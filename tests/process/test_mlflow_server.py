@@ -17,7 +17,6 @@ from tests.process.postgres import PASSWORD, create_database, postgres
 from tests.waiting import MAX_S
 from tokt.models.registry.registry import Registry
 
-pytestmark = pytest.mark.xdist_group("registry")  # `tiny_bundle` is there already
 TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
 
 

@@ -29,7 +29,6 @@ COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)  # types are imported in comments
 MODULE = re.compile(r"""\b(?:from|import)\b[\s(]*["'`](\.{0,2}/[^"'`]+)["'`]""")
 FILLED_IN = re.compile(r"\$\{[^}]*\}")
 
-pytestmark = pytest.mark.xdist_group("wheel")  # what they share is made once
 on_posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 
 

@@ -19,8 +19,6 @@ from tokt_studies.simulation.rendering.pipeline_scene import PipelineScene
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt_studies.simulation.scene.pipeline import plan_faults
 
-pytestmark = pytest.mark.xdist_group("pipeline")  # what they share is made once
-
 N_FRAMES = 94
 """Enough for a fault of each class."""
 

@@ -21,8 +21,6 @@ from tokt_studies.simulation.scene.obstacles import one_tower, trap
 from tokt_studies.simulation.scene.surfaces import STALK_MATERIAL, Materials, Surfaces
 from tokt_studies.simulation.scene.tower import NO_STALKS, Tower, upright
 
-pytestmark = pytest.mark.xdist_group("renderer")
-
 STILL = np.zeros(3)
 AHEAD = np.array([0.0, 0.0, 0.25])
 WIDTH = 360

@@ -31,8 +31,6 @@ from tokt_studies.simulation.rendering.synthetic_mission import MissionScene, si
 from tokt_studies.simulation.scene.rig import Camera
 from tokt_studies.simulation.scene.tower import NO_STALKS, WHITE, Cuboid, Frustum, Tower
 
-pytestmark = pytest.mark.xdist_group("synthetic")  # what they share is made once
-
 N_FRAMES = 24
 
 

@@ -13,8 +13,6 @@ from tokt_studies.simulation.scene.obstacles import cable, net, sea_floor, trap
 from tokt_studies.simulation.scene.tower import GREY, NO_STALKS, Cuboid, Frustum, Tower, panels
 from tokt_studies.simulation.scene.water import Water
 
-pytestmark = pytest.mark.xdist_group("world")
-
 
 def test_missions_have_the_bytes_they_had_before_there_was_a_world(tmp_path):
     """The world's modules use parts of the missions' renderer: its output must stay as it was."""

@@ -26,8 +26,6 @@ from tokt_studies.speed.paired_timing import BASELINE, OURS, BenchSize, in_turns
 from tokt_studies.speed.process_cases import first_verdict
 from tokt_studies.speed.report import about_lines
 
-pytestmark = pytest.mark.xdist_group("bench")  # what they share is made once
-
 FRAME_CASES = ["lbp_10_5.frame", "lbp_24_8.frame", "haralick.frame"]
 CASES = [
     *("lbp_10_5.kernel", "lbp_24_8.kernel", "haralick.kernel", "haralick_texture.kernel"),

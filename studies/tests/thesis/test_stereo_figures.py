@@ -26,8 +26,6 @@ from tokt_studies.thesis.exhibits.trend_figure import depth_trend, score, trend_
 from tokt_studies.thesis.methods.curves import Curves
 from tokt_studies.thesis.methods.mission_models import SuperpixelMethods
 
-pytestmark = pytest.mark.xdist_group("stereo-figures")  # what they share is made once
-
 WIDTH, SCENE_FRAMES = 480, 120
 OPEN = (3, 5)
 ROW = tuple(range(82, 89))

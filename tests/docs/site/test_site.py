@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 # One worker: the site is built once.
-pytestmark = pytest.mark.xdist_group("site")
 pytest.importorskip("material", reason="make docs installs what builds the site")
 
 ROOT = Path(__file__).parents[3]

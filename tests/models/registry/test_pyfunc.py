@@ -32,7 +32,6 @@ from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.models.registry.registration import NUMBER_TAG
 from tokt.models.registry.registry import BUNDLE_FILE, Registry
 
-pytestmark = pytest.mark.xdist_group("registry")  # what they share is made once
 TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
 
 

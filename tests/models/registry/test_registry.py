@@ -13,8 +13,6 @@ from tokt.models.bundle.bundle import bundle_from_bytes, read_bundle
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 
-pytestmark = pytest.mark.xdist_group("registry")  # what they share is made once
-
 
 def test_a_new_registry_is_empty_and_whole(tmp_path):
     registry = Registry(tmp_path / "fresh" / ".tokt", create=True)

@@ -37,8 +37,6 @@ from tokt.models.registry.registration import (
 from tokt.models.registry.registry import BUNDLE_FILE, Registry
 from tokt.models.registry.skops_arrays import pipeline_arrays
 
-pytestmark = pytest.mark.xdist_group("registry")  # what they share is made once
-
 HERE = Path(__file__).parent
 TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
 

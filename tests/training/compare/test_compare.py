@@ -25,8 +25,6 @@ from tokt.training.compare.report import report_html
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.evaluation.metrics import obstacle_metrics
 
-pytestmark = pytest.mark.xdist_group("compare")  # what they share is made once
-
 LBP, THESIS = "tiny-lbp/1", "tiny-thesis/1"
 
 

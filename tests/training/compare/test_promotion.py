@@ -15,8 +15,6 @@ from tokt.training.compare.frames import FrameSeries
 from tokt.training.compare.held_out_predictions import read_held_out
 from tokt.training.compare.promotion import FALSE_STATUS, SEEN, judge_candidate
 
-pytestmark = pytest.mark.xdist_group("promotion")  # what they share is made once
-
 GOOD, BAD, SAME = "tiny-lbp/1", "tiny-lbp/2", "tiny-lbp/3"
 ANY_TIME = ("--max-ms", 60_000)  # no test of time but one: the machine may be busy
 

@@ -22,8 +22,6 @@ from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
 from tokt.training.fitting.classifier import decision_values, fit_rows
 from tokt.training.fitting.train import fit_and_measure
 
-pytestmark = pytest.mark.xdist_group("adapt")  # what they share is made once
-
 FRAMES = (2, 3, 9, 13, 17, 21, 26, 30, 34, 38)
 FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
 

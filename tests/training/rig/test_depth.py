@@ -15,8 +15,6 @@ from tests.calls import refuses
 from tokt.training.rig.depth.cloud import FAR_VERTEX, VERTEX, outliers, ply_bytes
 from tokt.training.rig.depth.pair_depths import DepthRow, detected_span, steadiness, summary
 
-pytestmark = pytest.mark.xdist_group("depth")  # what they share is made once
-
 WIDTH, HEIGHT, FOCAL_PX, BASELINE_M = 680, 512, 1100.0, 0.3
 X, Y, SQUARE_PX = 330, 150, 200
 DISPARITIES = {3: 100, 4: 112, 5: 126, 6: 126, 7: 112, 8: 100, 9: 90, 12: 90}

@@ -26,8 +26,6 @@ from tokt.training.rig.calibrate.vertical_error import (
     vertical_error,
 )
 
-pytestmark = pytest.mark.xdist_group("self_calibration")  # what they share is made once
-
 SIZE = (680, 512)
 FRAMES, POINTS = 12, 160
 NOISE_PX, WRONG = 0.3, 0.10

@@ -20,7 +20,6 @@ from tokt.inference.stereo.odometry import COLUMNS, load_odometry, motion_betwee
 from tokt.training.rig.depth.export import COLMAP, OPENSFM, Export
 
 pycolmap = pytest.importorskip("pycolmap", reason="the extra colmap is not installed")
-pytestmark = pytest.mark.xdist_group("several_frames")  # what they share is made once
 
 SIZE, FRAMES = (680, 512), range(1, 10)
 NEAR_M, FAR_M, HALF_M = 3.0, 3.4, (0.35, 0.8)

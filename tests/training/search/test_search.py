@@ -37,8 +37,6 @@ from tokt.training.search.search import Budget, budget_from
 from tokt.training.search.space import BUILT_IN, Trial, read_space
 from tokt.training.search.state import opened_state, read_finished
 
-pytestmark = pytest.mark.xdist_group("search")  # what they share is made once
-
 SPACE = """
 format = 1
 penalties = [1.0]

@@ -22,8 +22,6 @@ WIDTH = 240
 SEED = 1005  # of those that were tuned on: 1 to 100 are for what is reported
 BEGINS_S = 5.0  # long enough to begin to avoid
 
-pytestmark = pytest.mark.xdist_group("closed_loop")
-
 
 def near(name, start_m=-5.0, goal_m=1.0):
     """A scene with less water before and behind what is there: a fifth of the time to fly."""

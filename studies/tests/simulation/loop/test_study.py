@@ -16,9 +16,6 @@ from tokt_studies.simulation.loop import flight, scenes
 from tokt_studies.simulation.loop import track as loop_track
 from tokt_studies.simulation.loop.track import Track
 
-pytestmark = pytest.mark.xdist_group("closed_loop")
-
-
 ROOT = Path(__file__).parents[4]
 WIDTH = 240  # pixels: flights of smaller frames cost less
 SMALL = {

@@ -17,8 +17,6 @@ from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import FILE_NAME, LabelStore
 
-pytestmark = pytest.mark.xdist_group("server_actions")  # what they share is made once
-
 TIME = "2016-04-20T10:00:00Z"
 COUNTS = dict.fromkeys(("ocean", "other", "sand", "reef", "subsea_installation", "unsure"), 0)
 

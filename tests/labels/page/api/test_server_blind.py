@@ -10,8 +10,6 @@ from tests.waiting import until
 from tokt.labels.record import utc_now
 from tokt.labels.store.store import FILE_NAME, LabelStore
 
-pytestmark = pytest.mark.xdist_group("server_blind")  # what they share is made once
-
 OTHERS = "benedikt"
 THEIRS = "reef"
 ONLY_THEIRS = "kelp_forest"

@@ -11,8 +11,6 @@ from tokt.labels.page.api.app import LOOK_S
 from tokt.labels.record import LabelRecord, utc_now
 from tokt.labels.store.store import FILE_NAME, LabelStore
 
-pytestmark = pytest.mark.xdist_group("server_live")  # what they share is made once
-
 
 @pytest.fixture(scope="module")
 def server(page_server):

@@ -14,8 +14,6 @@ from tokt.labels.record import Cell
 from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
-pytestmark = pytest.mark.xdist_group("server_notes")  # what they share is made once
-
 ODD = [
     "<img src=x onerror=alert(1)>",
     "a\r\nb\rc\n\td",

@@ -7,8 +7,6 @@ import pytest
 from tests.fixtures import write_video
 from tokt.features.frames.mission import open_mission
 
-pytestmark = pytest.mark.xdist_group("server_video")  # what they share is made once
-
 N = 400
 
 

@@ -11,8 +11,6 @@ from tests.waiting import until
 from tokt.labels.store.store import LabelStore
 from tokt.models.bundle.bundle import read_bundle
 
-pytestmark = pytest.mark.xdist_group("browser_files")  # what they share is made once
-
 CARD = "section.card:has(h2:text-is('{}'))"
 
 

@@ -13,8 +13,6 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
 
-pytestmark = pytest.mark.xdist_group("browser_views")  # what they share is made once
-
 GRID = Grid(10, 10, 360)
 TIME = "2016-04-20T10:00:00Z"
 TOWER = "subsea_installation"

@@ -2,8 +2,6 @@
 
 import pytest
 
-pytestmark = pytest.mark.xdist_group("browser_frame")  # what they share is made once
-
 
 @pytest.fixture(scope="module")
 def server(page_server, tiny_bundle):

@@ -10,8 +10,6 @@ from tests.fixtures import draw_tiny_frame
 from tests.labels.page.colours import contrast, luminance
 from tokt.labels.taxonomy import Taxonomy
 
-pytestmark = pytest.mark.xdist_group("browser_odd_frames")  # what they share is made once
-
 DARK_CLASSES = {"night": ("#000000", "p"), "navy": ("#000080", "?")}
 """A user's classes whose lines nobody would see in their own colours, and the page's keys."""
 WATERS = {1: (0, 0, 0), 3: (225, 215, 180)}

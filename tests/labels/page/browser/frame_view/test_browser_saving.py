@@ -4,8 +4,6 @@ import sqlite3
 
 import pytest
 
-pytestmark = pytest.mark.xdist_group("browser_saving")  # what they share is made once
-
 
 def events(server, frame):
     """How many events of a frame the store holds."""

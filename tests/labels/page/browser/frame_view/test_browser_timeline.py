@@ -7,8 +7,6 @@ import pytest
 
 from tests.waiting import until
 
-pytestmark = pytest.mark.xdist_group("browser_timeline")  # what they share is made once
-
 COLUMN = """x => {
   const strip = document.querySelector(".timeline");
   return [...strip.getContext("2d").getImageData(x, 0, 1, strip.height).data];

@@ -13,8 +13,6 @@ from tests.waiting import until
 from tokt.inference.stereo.calibration_writer import write_calibration
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 
-pytestmark = pytest.mark.xdist_group("browser_toolbar")  # what they share is made once
-
 
 @pytest.fixture(scope="module")
 def server(page_server, tiny_bundle):
