@@ -24,6 +24,9 @@ ROOT = Path(__file__).resolve().parents[4]
 HERE = Path(__file__).parent
 SYSTEM_PYTHON = "/usr/bin/python3"
 _END_S = 10.0
+_PIPE_BYTES = 1 << 20
+"""GStreamer 1.22's `rawvideoparse` loses its place for good where a picture comes in parts with a
+pause between them: so each fits into the pipe."""
 
 
 def _has_gst_rtsp() -> bool:
@@ -100,9 +103,8 @@ class Sender:
             last = place == len(commands) - 1
             sink = subprocess.DEVNULL if last and self.url_of is None else subprocess.PIPE
             with self.said.open("ab") as errors:
-                process = subprocess.Popen(
-                    command, stdin=source, stdout=sink, stderr=errors, cwd=ROOT
-                )
+                streams = {"stdin": source, "stdout": sink, "stderr": errors}
+                process = subprocess.Popen(command, cwd=ROOT, pipesize=_PIPE_BYTES, **streams)
             if place:
                 source.close()
             source = process.stdout
