@@ -97,9 +97,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     settings.load_profile(tier_of(item.path).name)
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def coarse_figures():
-    """Figures are drawn, coarsely: fine ones take most of the time of what makes them."""
+    """Figures are drawn, coarsely: fine ones take most of the time of what makes them.
+
+    Not in a file that has a fixture of this name itself, as it looks at their pixels.
+    """
 
     def save(figure: Figure, buffer: BinaryIO, **_: object) -> None:
         figure.set_layout_engine("none")

@@ -21,6 +21,11 @@ from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
 HELD_ON_ANY_MACHINE = {"frames", "datagrams", "verdicts", "heartbeats", "hot reloads", "log"}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def coarse_figures():
+    """None: pixels are looked at."""
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_a_short_soak(run_load, tmp_path, monkeypatch):
     short = replace(soak_plan.QUICK, frames=300, bare_frames=50, kills=0, rest_s=1e-3)

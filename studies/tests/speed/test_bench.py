@@ -36,6 +36,11 @@ ONE_OF_EACH = BenchSize(compared=1, timed=1, rounds=1, files=1, tables=1, starts
 """Enough where no figure is looked at."""
 
 
+@pytest.fixture(scope="module", autouse=True)
+def coarse_figures():
+    """None: pixels are looked at."""
+
+
 @pytest.fixture(scope="module")
 def sea(tmp_path_factory):
     """A small rendered mission; every fifth frame of it shows both water and the tower."""

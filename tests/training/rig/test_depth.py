@@ -35,6 +35,11 @@ T_mm: !!opencv-matrix {rows: 3, cols: 1, dt: d, data: [-300., 0., 0.]}
 """  # noqa: E501
 
 
+@pytest.fixture(scope="module", autouse=True)
+def coarse_figures():
+    """None: pixels are looked at."""
+
+
 def depth_m(frame):
     """How far the square of a frame is away."""
     return FOCAL_PX * BASELINE_M / DISPARITIES[frame]

@@ -18,6 +18,11 @@ from tokt_studies.simulation.report.report import write_report
 RED, BLUE, ORANGE, VIOLET, WATER = "#cc1f2f", "#2f6db3", "#e08a1e", "#8e44ad", "#1f7a8c"
 
 
+@pytest.fixture(scope="module", autouse=True)
+def coarse_figures():
+    """None: pixels are looked at."""
+
+
 def recorded(corners, clearances, frames=None, avoidances=(), reached=True, **about):
     """A track over these corners (east, north), one a second."""
     steps = [
