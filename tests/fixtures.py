@@ -99,10 +99,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse_figures():
-    """Figures are drawn, coarsely: fine ones take most of the time of what makes them.
-
-    Not in a file that has a fixture of this name itself, as it looks at their pixels.
-    """
+    """Figures are drawn coarsely, which is quick; a file that looks at pixels overrides this."""
 
     def save(figure: Figure, buffer: BinaryIO, **_: object) -> None:
         figure.set_layout_engine("none")
@@ -219,8 +216,8 @@ class TinyMission:
 @pytest.fixture(scope="session")
 def shared_folder(tmp_path_factory, worker_id):
     """Fill a folder once for all workers: the first that asks fills it, the others wait for it."""
-    base = tmp_path_factory.getbasetemp()
-    base = base if worker_id == "master" else base.parent
+    own = tmp_path_factory.getbasetemp()
+    base = own if worker_id == "master" else own.parent
 
     def fill(name: str, make: Callable[[Path], object]) -> Path:
         folder, made = base / name, base / f"{name}.made"

@@ -1,10 +1,10 @@
 """What the sdist and the wheels must hold."""
 
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.fixtures import ROOT
 
 
 def _import_path(name):

@@ -6,11 +6,9 @@ import subprocess
 import tarfile
 import zipfile
 from functools import partial
-from pathlib import Path
 
 from tests.calls import run_python
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.fixtures import ROOT
 
 
 def test_without_a_compiler_a_wheel_is_for_all_platforms(wheel, sources, tmp_path):

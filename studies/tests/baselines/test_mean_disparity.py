@@ -11,6 +11,8 @@ from tokt.inference.stereo.calibration import StereoCalibration, load_calibratio
 from tokt_studies.baselines.mean_disparity import Thirds
 from tokt_studies.speed.cases import textured_frame
 
+pytestmark = pytest.mark.xdist_group("baselines")
+
 WIDTH, HEIGHT = 680, 512
 CAMERA = np.array([[1100.0, 0, 339.5], [0, 1100.0, 255.5], [0, 0, 1]])
 PLAIN = StereoCalibration(

@@ -9,7 +9,7 @@ from tokt_studies.baselines.size_change import SizeChange
 from tokt_studies.baselines.slic import SlicTexture
 from tokt_studies.baselines.thesis_texture import describe_lbp_10_5
 
-pytestmark = pytest.mark.mission
+pytestmark = [pytest.mark.xdist_group("baselines"), pytest.mark.mission]
 
 WATER, NEAR = 46, 178
 """Frames: open water, and the tower a few metres away and coming nearer."""

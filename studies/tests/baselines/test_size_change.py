@@ -9,6 +9,8 @@ from tokt.inference.frame import Frame
 from tokt.training.fitting.train import rendered_other_image
 from tokt_studies.baselines.size_change import SCALES, SizeChange, enlargement
 
+pytestmark = pytest.mark.xdist_group("baselines")
+
 SIDE = 360
 SCENE = rendered_other_image(3)[:SIDE, :SIDE]
 

@@ -15,6 +15,8 @@ from tokt_studies.baselines.lab_colour import LabColour, labelled_example
 from tokt_studies.baselines.slic import SlicTexture, outline_boxes, resized_bgr, superpixels
 from tokt_studies.baselines.thesis_texture import GRID, describe_haralick, describe_lbp_10_5
 
+pytestmark = pytest.mark.xdist_group("baselines")
+
 SMALL = (90, 120, 3)
 
 
