@@ -60,8 +60,8 @@ wheels: $(READY)
 	$(BIN)/python packaging/wheels.py build
 	$(BIN)/python packaging/wheels.py describe
 
-# Built again they are the same bytes; the tests of kernels, bundles and wheels pass on each of
-# them. PYTHON=python3.14 VENV=.venv-3.14 for another Python.
+# Built again they are the same bytes; their tests pass on each of them, and those of kernels and
+# bundles on the compiled one. PYTHON=python3.14 VENV=.venv-3.14 for another Python.
 test-wheels: $(READY)
 	rm -rf build/again
 	$(BIN)/python packaging/wheels.py build --out build/again
