@@ -17,9 +17,9 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-TESTS = ("process/test_wheel.py", "process/test_slim_install.py")
-OF_KERNELS = ("features/kernels", "models/bundle")
-"""Not run again on the wheel without the compiled ones, which holds the same files else."""
+WHEEL_TESTS = ("process/test_wheel.py", "process/test_slim_install.py")
+KERNEL_TESTS = ("features/kernels", "models/bundle")
+"""For the wheel with compiled kernels: all other files are the same in the one without."""
 NO_COMPILER = {"CC": "false"}
 
 
@@ -111,8 +111,8 @@ def test(wheels: list[Path]) -> None:
     where = "import tokt; print(tokt.__file__)"
     words = ("-m", "pytest", "-q", "-n", "2", "--dist", "loadgroup", "--hypothesis-profile=quick")
     for wheel in wheels:
-        tests = TESTS if wheel.name.endswith("-none-any.whl") else (*OF_KERNELS, *TESTS)
-        files = [f"tests/{test}" for test in tests]
+        kernel_tests = () if wheel.name.endswith("-none-any.whl") else KERNEL_TESTS
+        files = [f"tests/{test}" for test in (*kernel_tests, *WHEEL_TESTS)]
         with tempfile.TemporaryDirectory() as folder:
             pip(Path(sys.executable), "--no-deps", "--target", folder, wheel)
             environ = {"TOKT_WHEEL": str(wheel), "PYTHONPATH": folder}

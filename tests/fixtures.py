@@ -5,11 +5,10 @@ import gc
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,7 +31,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tests.calls import call_tokt, succeeds
+from tests.calls import call_tokt, run_python, succeeds
 from tests.chromium import chromium
 from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
 from tokt.features.common.errors import ToktError
@@ -231,20 +230,20 @@ def shared_folder(tmp_path_factory, worker_id):
     return fill
 
 
+def build_wheel(sources: Path, folder: Path) -> None:
+    """Have pip build the wheel of a folder of sources into another folder."""
+    pip = ("-m", "pip", "--disable-pip-version-check", "wheel", "--quiet", "--no-build-isolation")
+    done = run_python(*pip, "--no-deps", "--wheel-dir", folder, sources, folder=folder)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.fixture(scope="session")
 def wheel(sources, shared_folder):
     """tokt as a wheel; `packaging/wheels.py test` names one that is built already."""
     if "TOKT_WHEEL" in os.environ:
         return Path(os.environ["TOKT_WHEEL"])
 
-    def build(folder: Path) -> None:
-        pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet")
-        options = ("--no-build-isolation", "--no-deps", "--wheel-dir", folder, sources)
-        how = {"capture_output": True, "text": True, "check": False, "cwd": folder}
-        done = subprocess.run([*pip, *options], **how)
-        assert done.returncode == 0, done.stderr
-
-    return next(shared_folder("wheel", build).glob("tokt-*.whl"))
+    return next(shared_folder("wheel", partial(build_wheel, sources)).glob("tokt-*.whl"))
 
 
 @pytest.fixture(scope="session")

@@ -68,7 +68,7 @@ def test_make_test_has_the_proof_and_the_rest_is_run_after_it():
     (everything,) = re.findall(r"^test-all:.*\n\t(.*)$", MAKEFILE, re.MULTILINE)
     assert everything == "$(PYTEST)"
     landing = (ROOT / ".ci" / "run").read_text("utf-8")
-    made = re.findall(r"[\w-]+", " ".join(re.findall(r"\b(?:make|one_by_one) (.*)", landing)))
+    made = " ".join(re.findall(r"\b(?:make|one_by_one) (.*)", landing)).split()
     assert {"demo", "test", "test-rest", "docs", "check", "wheels", "test-wheels"} <= {*made}
     # What the rest leaves out is tested on each wheel.
     of_wheels = (ROOT / "packaging" / "wheels.py").read_text("utf-8")

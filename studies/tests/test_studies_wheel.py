@@ -2,15 +2,15 @@
 
 import os
 import re
-import subprocess
 import sys
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 import tokt
-from tests.fixtures import ROOT
+from tests.fixtures import ROOT, build_wheel
 from tests.process.installed import Installed
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
@@ -18,15 +18,11 @@ PACKAGE = "studies/src/"
 
 
 @pytest.fixture(scope="module")
-def studies_wheel(sources, tmp_path_factory):
+def studies_wheel(sources, shared_folder):
     """tokt-studies as a wheel; one that is built already lies beside that of tokt."""
     if "TOKT_WHEEL" in os.environ:
         return next(Path(os.environ["TOKT_WHEEL"]).parent.glob("tokt_studies-*.whl"))
-    built = tmp_path_factory.mktemp("studies")
-    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet")
-    options = ("--no-build-isolation", "--no-deps", "--wheel-dir", built, sources / "studies")
-    done = subprocess.run([*pip, *options], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    built = shared_folder("studies-wheel", partial(build_wheel, sources / "studies"))
     return next(built.glob("*.whl"))
 
 
