@@ -29,7 +29,8 @@ from tokt_studies.speed.report import about_lines
 FRAME_CASES = ["lbp_10_5.frame", "lbp_24_8.frame", "haralick.frame"]
 CASES = [
     *("lbp_10_5.kernel", "lbp_24_8.kernel", "haralick.kernel", "haralick_texture.kernel"),
-    *(*FRAME_CASES, "best.frame", "moving.frame", "latency.frame_to_udp"),
+    *(*FRAME_CASES, "best.frame", "water.frame", "moving.frame"),
+    *("run.default", "latency.frame_to_udp"),
     *("extract.dataset", "extract.dataset_all_cores", "start"),
 ]
 ONE_OF_EACH = BenchSize(compared=1, timed=1, rounds=1, files=1, tables=1, starts=1, latency=1)

@@ -247,22 +247,22 @@ class WholeFrame(Case[Picture]):
         return {**super().findings(), **self._found}
 
 
-class BestFrame(Case[Picture]):
-    """A decoded frame to its verdict, by a plain extractor's model and by the preset best's."""
+class PresetFrame(Case[Picture]):
+    """A decoded frame to its verdict, by a plain extractor's model and by that of a preset."""
 
     what = "pictures"
 
-    def __init__(self, plain: Bundle, best: Bundle) -> None:
-        super().__init__("best.frame")
-        self._plain, self._best = plain, best
+    def __init__(self, preset: str, plain: Bundle, bundle: Bundle) -> None:
+        super().__init__(f"{preset}.frame")
+        self._plain, self._bundle = plain, bundle
         self.about = {
             "of": FRAME_WORK,
             "baseline_is": f"tokt itself with the plain model {plain.label}",
             "floor_is": "the pictures that the preset's extractor looks at, prepared and no more",
-            "asked": f"the preset's time is at most {MAX_TIMES:g} times the plain one's",
-            "features": best.extractor.dim,
+            "asked": f"preset best's time is at most {MAX_TIMES:g} times the plain one's",
+            "features": bundle.extractor.dim,
         }
-        self._images = build_extractor(best.extractor.spec).images
+        self._images = build_extractor(bundle.extractor.spec).images
         self._reference = load_kernels(LIBRARY)
 
     def baseline(self, picture: Picture) -> object:
@@ -270,8 +270,8 @@ class BestFrame(Case[Picture]):
         return judge_image(self._plain, picture.frame)
 
     def ours(self, picture: Picture) -> object:
-        """The preset best's."""
-        return judge_image(self._best, picture.frame)
+        """The preset's."""
+        return judge_image(self._bundle, picture.frame)
 
     def floor(self, picture: Picture) -> list[U8]:
         """The pictures that the preset looks at, prepared and no more."""

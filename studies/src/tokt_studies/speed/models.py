@@ -1,7 +1,7 @@
 """The same model for both sides: a scikit-learn classifier, and the bundle that tokt runs."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -19,14 +19,25 @@ from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from tokt.models.distribution import Distribution, bin_counts, quantile_edges
+from tokt.models.linear import LinearModel
+from tokt.models.operating_point import OperatingPoint
+from tokt.models.water import WaterPrior
 from tokt.training.fitting.classifier import fit_classifier, linear_model
-from tokt.training.fitting.presets import Hyperparameters, settings_named
+from tokt.training.fitting.presets import (
+    DEFAULT_EXTRACTOR,
+    Hyperparameters,
+    extractor_for,
+    settings_named,
+)
 from tokt.training.fitting.train import rendered_other_image
 from tokt_studies.baselines.thesis_texture import DESCRIBE, GRID, DescribePatch, resized_gray
 
 LABEL_EVERY = 5
 """Every fifth labelled frame is learnt from: the model only has to find obstacle patches."""
 _PENALTY = 1.0
+_PRIOR = WaterPrior(water=-1.0, obstacle=1.0, water_sd=0.5, obstacle_sd=0.5, share=0.1)
+_NEVER_UNLIKE = 1e6  # a distance to landmarks that no patch has
 
 DescribeAll = Callable[[U8], F64]
 
@@ -130,6 +141,34 @@ class ModelPair:
     bundle: Bundle  # what tokt runs
 
 
+def fit_preset_bundle(preset: str, examples: TrainingExamples, golden_frame: U8) -> Bundle:
+    """Fit a model of a preset that holds all that a run looks at, as `tokt train` gives it.
+
+    Its limits are such that nothing exceeds them: a frame that is refused would cost less.
+    """
+    settings, extractor = settings_named(preset), extractor_for(DEFAULT_EXTRACTOR, preset)
+    rows = np.vstack(
+        [extractor.describe(frame, GRID)[cells] for frame, cells, _ in examples.pictures]
+    )
+    targets = np.concatenate([flags for _, _, flags in examples.pictures]).astype(np.int64)
+    choice = Hyperparameters(settings.penalties[0])
+    model = linear_model(
+        fit_classifier(rows, targets, choice, settings), ("ocean", "other"), (False, True)
+    )
+    edges = np.stack([quantile_edges(column) for column in rows.T])
+    limits = np.ones(extractor.dim)
+    point = OperatingPoint(
+        water=_PRIOR if settings.moving_boundary else None,
+        unlike=None if model.map is None else _NEVER_UNLIKE,
+    )
+    content = replace(
+        _content(preset, extractor, model, golden_frame),
+        operating_point=point,
+        distribution=Distribution(edges, bin_counts(rows, edges), limits, 1.0, 1, 3, 3),
+    )
+    return bundle_from_bytes(bundle_bytes(content), f"the bench's model of preset {preset}")
+
+
 def fit_extractor_pair(
     name: str, extractor: Extractor, examples: TrainingExamples, golden_frame: U8
 ) -> ModelPair:
@@ -148,9 +187,17 @@ def fit_extractor_pair(
     classifier = LinearSVC(C=penalty, random_state=settings.seed)
     classifier.coef_, classifier.intercept_ = model.weights.copy(), model.bias.copy()
     classifier.classes_, classifier.n_features_in_ = np.array([0, 1]), model.dim
+    content = _content(name, extractor, model, golden_frame)
+    bundle = bundle_from_bytes(bundle_bytes(content), f"the bench's model {name}")
+    return ModelPair(classifier, bundle)
+
+
+def _content(
+    name: str, extractor: Extractor, model: LinearModel, golden_frame: U8
+) -> BundleContent:
     values = model.decision_values(extractor.describe(golden_frame, GRID))
     png = cv2.imencode(".png", golden_frame)[1].tobytes()
-    content = BundleContent(
+    return BundleContent(
         name=f"bench-{name.replace('_', '-')}",
         version="1",
         extractor_spec=extractor.spec,
@@ -162,5 +209,3 @@ def fit_extractor_pair(
         trained_on=np.zeros(0, np.uint64),
         card="Made by tokt bench to measure speed; not to be deployed.\n",
     )
-    bundle = bundle_from_bytes(bundle_bytes(content), f"the bench's model {name}")
-    return ModelPair(classifier, bundle)

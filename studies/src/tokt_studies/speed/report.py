@@ -39,8 +39,9 @@ def _times(case: Result) -> str:
 
 
 def _name(case: Result) -> str:
-    """What stands at the left of a case; most are tokt against others, one is not."""
-    return f"{case.name}\n(plain to best)" if "asked" in case.extras else case.name
+    """What stands at the left of a case; most are tokt against others, some are not."""
+    against_tokt = str(case.extras.get("baseline_is", "")).startswith("tokt itself")
+    return f"{case.name}\n(tokt itself)" if against_tokt else case.name
 
 
 def _floor_ratio(case: Result) -> float | None:
@@ -117,7 +118,7 @@ _REMARKS = {
     "baseline_patches_per_s": "{baseline_patches_per_s:,.0f} to {ours_patches_per_s:,.0f} "
     "patches a second, {processes} process(es)",
     "ours_mb": "peak memory {baseline_mb:.0f} MB to {ours_mb:.0f} MB",
-    "pictures_checked": "ours against ours: {baseline_is} against preset best ({features} "
+    "pictures_checked": "ours against ours: {baseline_is} against this preset ({features} "
     "features; pictures alone {floor_ms} ms); asked: {asked}",
     "max_relative_difference": "largest relative difference {max_relative_difference:.1g}",
     "obstacle_patches": "{frames_checked} frames compared, {obstacle_patches} obstacle patches"

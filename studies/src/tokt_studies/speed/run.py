@@ -3,7 +3,7 @@
 import json
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,13 @@ from tokt.features.common.machine import machine
 from tokt.features.frames.mission import Mission, open_mission
 from tokt.features.kernels.dispatch import KERNELS, LIBRARY, VARIABLE
 from tokt.labels.taxonomy import Taxonomy
+from tokt.models.bundle.bundle import Bundle
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
-from tokt.training.fitting.presets import DEFAULT_EXTRACTOR, extractor_for
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
-from . import cases
+from . import cases, default_run
 from . import models as bench_models
 from .paired_timing import SPREAD_IS, BenchRequest, BenchSize, Result, single_thread
 from .process_cases import measure_extraction, measure_latency, measure_start
@@ -32,6 +32,8 @@ from .stereo_cases import measure_stereo, stereo_input
 
 LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
+PRESETS = ("best", "water")
+"""Whose frames are timed."""
 
 
 FULL = BenchSize(compared=None, timed=12, rounds=8, files=24, tables=5, starts=7, latency=15)
@@ -64,7 +66,7 @@ def _examples(mission: Mission, labels: Path | None) -> bench_models.TrainingExa
 def measure_in_process(
     mission: Mission,
     models: Sequence[bench_models.ModelPair],
-    best: bench_models.ModelPair,
+    presets: Mapping[str, Bundle],
     asked: BenchRequest,
 ) -> tuple[list[Result], int, int]:
     """Kernels and frames: compared on all frames, then timed on a few of them."""
@@ -80,7 +82,8 @@ def measure_in_process(
         cases.WholeFrame(*pair) for pair in zip(bench_models.FEATURE_SETS, models, strict=True)
     ]
     moving = cases.MovingFrame(models[0].bundle)
-    frames += [cases.BestFrame(models[-1].bundle, best.bundle), moving]
+    frames += [cases.PresetFrame(name, models[-1].bundle, one) for name, one in presets.items()]
+    frames.append(moving)
     textured = cases.Picture(cases.textured_frame())
     texture_kernel.check(textured)
     judged = []
@@ -96,15 +99,15 @@ def measure_in_process(
     ]
     end = numbers.index(judged[-1]) + 1
     neighbours = numbers[max(end - len(timed), 0) : end]
-    others = {
-        texture_kernel.name: [textured] * len(timed),
-        # Points are followed between neighbours only.
-        moving.name: [cases.Picture(mission.read(number)) for number in neighbours],
-    }
+    # Points are followed between neighbours only.
+    in_a_row = [cases.Picture(mission.read(number)) for number in neighbours]
+    others = {texture_kernel.name: [textured] * len(timed), moving.name: in_a_row}
     results = []
     for case in [*kernels, texture_kernel, *frames]:
         asked.say(f"-- {case.name}")
         results.append(case.measure(others.get(case.name, timed), asked.size.rounds))
+    asked.say(f"-- {default_run.NAME}")
+    results.append(default_run.measure_default_run(presets["best"], in_a_row, asked.size.rounds))
     asked.say("-- latency")
     results.append(
         measure_latency(bench_models.FEATURE_SETS[0], models[0], timed, asked.size.latency)
@@ -147,10 +150,12 @@ def _measure(mission: Mission, asked: BenchRequest, folder: Path) -> Bench:
     stereo = stereo_input(mission, asked.calibration)
     # Every process started meanwhile uses this one's kernels, or fails, but no others.
     with single_thread(), patch.dict(os.environ, {VARIABLE: KERNELS.name}):
-        sets = [(one.name, one.extractor) for one in bench_models.FEATURE_SETS]
-        sets.append(("best", extractor_for(DEFAULT_EXTRACTOR, "best")))
-        *models, best = [bench_models.fit_extractor_pair(*one, examples, first) for one in sets]
-        results, compared, timed = measure_in_process(mission, models, best, asked)
+        models = [
+            bench_models.fit_extractor_pair(one.name, one.extractor, examples, first)
+            for one in bench_models.FEATURE_SETS
+        ]
+        presets = {name: bench_models.fit_preset_bundle(name, examples, first) for name in PRESETS}
+        results, compared, timed = measure_in_process(mission, models, presets, asked)
         if stereo.calibration is not None:
             results += measure_stereo(mission, stereo.calibration, asked)
         results += _outside(mission, models, asked, folder)
