@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 MAX_PIXELS = 1 << 31
 """Pixels of a frame; of more, a sum could pass 2**53, up to which double precision is exact."""
 MAX_SAMPLES = 64  # on a line; the sum of as many levels fits 16 bits
+MAX_LAG = 64  # pixels
 MAX_BOX = 15  # pixels; the sum of a box fits 24 bits
 MAX_POINTS = 64  # a pattern is one machine word
 MAX_RADIUS = 1024.0  # pixels; wider than any patch, and sums of sizes stay small
@@ -86,6 +87,24 @@ def check_box(box: int) -> None:
     """Check that gradients are known of means over boxes with that side; ValueError if not."""
     if type(box) is not int or not 1 <= box <= MAX_BOX or box % 2 == 0:
         raise ValueError(f"a box is an odd number of pixels, 1 to {MAX_BOX}, not {box!r}")
+
+
+def check_lags(lags: Sequence[int]) -> None:
+    """Check that pixels can be compared over these distances; ValueError if not."""
+    if not lags or any(type(lag) is not int or not 1 <= lag <= MAX_LAG for lag in lags):
+        raise ValueError(f"lags are whole numbers of pixels, 1 to {MAX_LAG}, not {lags!r}")
+
+
+def check_rows(rows: I64, cols: int, shape: tuple[int, ...], below: int) -> None:
+    """Check that a frame has these rows and so many below each, and a pixel for each patch.
+
+    ValueError if not.
+    """
+    known = rows.dtype == np.int64 and rows.ndim == 1 and rows.flags.c_contiguous and len(rows) > 0
+    if not known or rows.min() < 0 or rows.max() + below >= shape[0]:
+        raise ValueError(f"rows are int64, 0 to {shape[0] - 1 - below} in a frame of {shape}")
+    if not 1 <= cols <= shape[1]:
+        raise ValueError(f"{cols} patches do not fit side by side into {shape[1]} pixels")
 
 
 def check_ranges(ranges: I64, length: int) -> I64:

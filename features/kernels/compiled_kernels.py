@@ -34,7 +34,7 @@ from .quantization import (
     gray16_step,
 )
 
-_INTERFACE = 8
+_INTERFACE = 9
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
 
@@ -167,6 +167,23 @@ def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
 def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1) -> I64:
     """`Kernels.gradient_sums`."""
     return _by_patch("gradient", _native.gradient_sums, gray16, grid, threads, 3, box)
+
+
+def difference_sums(frame: U8, rows: I64, cols: int, lags: Sequence[int]) -> I64:
+    """`Kernels.difference_sums`."""
+    sums = np.empty((len(rows), cols, 2 + 2 * len(lags)), np.int64)
+    pixels = frame.reshape(*frame.shape[:2], -1)
+    _native.difference_sums(pixels, rows, cols, np.array(lags, np.int32), sums)
+    return sums
+
+
+def curvature_sums(
+    gray16: NDArray[np.uint16], grid: Grid, lags: Sequence[int], threads: int = 1
+) -> I64:
+    """`Kernels.curvature_sums`."""
+    numbers = np.array(lags, np.int32)
+    kernel = _native.curvature_sums
+    return _by_patch("curvature", kernel, gray16, grid, threads, len(lags), numbers)
 
 
 def box_sums(frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:

@@ -26,8 +26,10 @@ from .checks import (
     check_gray,
     check_gray16,
     check_gray16_size,
+    check_lags,
     check_lbp,
     check_ranges,
+    check_rows,
     check_samples,
     check_signs,
     check_size,
@@ -220,6 +222,55 @@ class Kernels:
         gray16 = check_gray16(gray16, threads)
         check_box(box)
         return np.asarray(self.module.gradient_sums(gray16, grid, box, threads))
+
+    def difference_sums(self, frame: U8, rows: I64, cols: int, lags: Sequence[int]) -> I64:
+        """Sums of how much a frame's levels differ from those `lags` pixels away, across and down.
+
+        Parameters
+        ----------
+        rows : array of int64, shape (n,)
+            The rows that are looked at; below each there are as many as the largest lag.
+        cols : int
+            Equal patches side by side, ``width // cols`` pixels wide.
+        lags : sequence of int
+            In pixels, at least 1.
+
+        Returns
+        -------
+        numpy.ndarray
+            int64, shape (n, cols, 2 + 2 * len(lags)), of one row of a patch in all its channels:
+            the sum of levels, how many are 250 or more, the sums of differences (without their
+            signs) from the pixel each lag to the right, where there is one, and from the one each
+            lag below.
+        """
+        frame = check_frame(frame)
+        check_lags(lags)
+        check_rows(rows, cols, frame.shape, max(lags))
+        return np.asarray(self.module.difference_sums(frame, rows, cols, lags))
+
+    def curvature_sums(
+        self, gray16: NDArray[np.uint16], grid: Grid, lags: Sequence[int], threads: int = 1
+    ) -> I64:
+        """Sums of squared second differences over each patch, across and down together.
+
+        That of a pixel is the one `lag` before it, less twice itself, and the one `lag` behind it;
+        0 where one of them is beyond the picture, and 16 grey levels at most: even light has none.
+
+        Parameters
+        ----------
+        gray16 : array of uint16, shape (height, width)
+            As `resized_gray16` gives it.
+        lags : sequence of int
+            In pixels, at least 1.
+
+        Returns
+        -------
+        numpy.ndarray
+            int64, shape (n_patches, len(lags)).
+        """
+        gray16 = check_gray16(gray16, threads)
+        check_lags(lags)
+        return np.asarray(self.module.curvature_sums(gray16, grid, lags, threads))
 
     def box_sums(self, frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:
         """Sums of a frame's pixels over boxes: where ranges of its rows and columns cross.

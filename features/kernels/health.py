@@ -141,6 +141,8 @@ def _integers(
         kernels.gradient_sums(gray16, _GRID, 5),
         kernels.box_sums(frame, *_RANGES),
         kernels.line_sums(gray, _GRID, 128, (4, 16)),
+        kernels.difference_sums(frame, np.arange(8), 2, (1, 16)),
+        kernels.curvature_sums(gray16, _GRID, (1, 4)),
         *(kernels.lbp_nearest_counts(gray, _GRID, 8, 5, border) for border in _BORDERS),
         # Of the picture and of itself moved by a few pixels.
         kernels.block_disparity(gray, np.roll(gray, -9, axis=1), _MATCHING, np.ones_like(gray)),

@@ -21,6 +21,8 @@ from .block_matching import block_disparity as block_disparity
 from .checks import over_rows
 from .lbp_points import lbp_points, nearest_points
 from .numpy_pictures import box_sums as box_sums
+from .numpy_pictures import curvature_sums as curvature_sums
+from .numpy_pictures import difference_sums as difference_sums
 from .numpy_pictures import histograms
 from .numpy_pictures import level_counts as level_counts
 from .numpy_pictures import quantize as quantize

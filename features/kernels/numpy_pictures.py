@@ -1,6 +1,7 @@
 """Gray pictures and their quantization in numpy and OpenCV, exact up to the last steps."""
 
 import platform
+from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
@@ -178,6 +179,46 @@ def box_sums(frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:
         sums = cv2.reduce(frame[first:last], 0, cv2.REDUCE_SUM, dtype=cv2.CV_64F)
         np.cumsum(sums.reshape(-1, channels), axis=0, out=row[1:])
     return (up_to[:, columns[:, 1]] - up_to[:, columns[:, 0]]).astype(np.int64)
+
+
+BRIGHT_LEVEL = 250
+"""Grey level that counts as bright."""
+MOST_CURVED = 16 * 256
+"""Of a second difference as much counts at most, in 1/256 grey level."""
+
+
+def difference_sums(frame: U8, rows: I64, cols: int, lags: Sequence[int]) -> I64:
+    """`Kernels.difference_sums`."""
+    pixels = frame.reshape(*frame.shape[:2], -1)
+    here, wide = pixels[rows], pixels.shape[1] // cols * cols
+    values = [here, (here >= BRIGHT_LEVEL).astype(np.uint8)]
+    for lag in lags:
+        across = np.zeros_like(here)
+        if lag < here.shape[1]:
+            across[:, :-lag] = cv2.absdiff(here[:, lag:], here[:, :-lag]).reshape(
+                len(rows), -1, here.shape[2]
+            )
+        values.append(across)
+    below = (np.asarray(cv2.absdiff(pixels[rows + lag], here), np.uint8) for lag in lags)
+    values += [values_below.reshape(here.shape) for values_below in below]
+    patches = np.stack(values)[:, :, :wide].reshape(len(values), len(rows), cols, -1)
+    return np.moveaxis(patches.sum(axis=3, dtype=np.int64), 0, -1)
+
+
+def curvature_sums(
+    gray16: NDArray[np.uint16], grid: Grid, lags: Sequence[int], threads: int = 1
+) -> I64:
+    """`Kernels.curvature_sums`."""
+    levels = gray16.astype(np.int32)
+    found = []
+    for lag in lags:
+        squares = np.zeros(gray16.shape, np.int64)
+        for values, out in ((levels, squares), (levels.T, squares.T)):
+            if 2 * lag < len(values):
+                bend = values[: -2 * lag] - 2 * values[lag:-lag] + values[2 * lag :]
+                out[lag:-lag] += bend.clip(-MOST_CURVED, MOST_CURVED) ** 2
+        found.append([int(patch.sum()) for patch in grid.cells(squares)])
+    return np.array(found, np.int64).T
 
 
 _TILE = 64  # signs in a word

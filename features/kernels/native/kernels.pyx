@@ -136,6 +136,23 @@ cdef extern from "gradient.h" nogil:
                        int64_t *sums)
 
 
+cdef extern from "detail.h" nogil:
+    ctypedef struct DetailRows:
+        const AreaFrame *frame
+        const int64_t *rows
+        int cols, count
+        const int32_t *lags
+
+    ctypedef struct CurvaturePatches:
+        Gray16Picture picture
+        int cols, patch_height, patch_width
+
+    void detail_rows(const DetailRows *detail, int count, int64_t *sums)
+    size_t curvature_scratch(const CurvaturePatches *patches, int count)
+    void curvature_rows(const CurvaturePatches *patches, const int32_t *lags, int count, int first,
+                        int last, uint32_t *scratch, int64_t *sums)
+
+
 cdef extern from "boxes.h" nogil:
     size_t boxes_scratch(const AreaFrame *frame)
     void boxes_rows(const AreaFrame *frame, const int64_t *rows, const int64_t *columns, int count,
@@ -187,7 +204,7 @@ cdef extern from *:
     """
 
 
-INTERFACE = 8
+INTERFACE = 9
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
@@ -444,6 +461,30 @@ def gradient_sums(const uint16_t[:, ::1] gray16, int cols, int patch_height, int
     cdef double *memory = <double *>scratch.of(needed * sizeof(double))
     with nogil:
         gradient_rows(&patches, first, last, memory, &sums[0, 0])
+
+
+def difference_sums(const uint8_t[:, :, ::1] frame, const int64_t[::1] rows, int cols,
+                    const int32_t[::1] lags, int64_t[:, :, ::1] sums):
+    """Write the sums of these rows."""
+    cdef AreaFrame view = area_frame(frame)
+    cdef DetailRows detail
+    detail.frame, detail.rows = &view, &rows[0]
+    detail.cols, detail.count, detail.lags = cols, lags.shape[0], &lags[0]
+    with nogil:
+        detail_rows(&detail, rows.shape[0], &sums[0, 0, 0])
+
+
+def curvature_sums(const uint16_t[:, ::1] gray16, int cols, int patch_height, int patch_width,
+                   const int32_t[::1] lags, int64_t[:, ::1] sums, int first, int last,
+                   Scratch scratch):
+    """Write the sums of patch rows first..last."""
+    cdef CurvaturePatches patches
+    patches.picture = gray16_picture(gray16)
+    patches.cols, patches.patch_height, patches.patch_width = cols, patch_height, patch_width
+    cdef size_t needed = curvature_scratch(&patches, lags.shape[0])
+    cdef uint32_t *memory = <uint32_t *>scratch.of(needed * sizeof(uint32_t))
+    with nogil:
+        curvature_rows(&patches, &lags[0], lags.shape[0], first, last, memory, &sums[0, 0])
 
 
 def box_sums(const uint8_t[:, :, ::1] frame, const int64_t[:, ::1] rows,
