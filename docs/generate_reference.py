@@ -49,6 +49,7 @@ OPTIONS_OF = {
 """Classes that hold the options of a command."""
 FORMATS = {
     "models.bundle.bundle.FORMAT_VERSION": "bundle, `.tokt`",
+    "models.sight.FORMAT_VERSION": "numbers of sight in a bundle's manifest, `sight`",
     "models.bundle.signature.FORMAT_VERSION": "signature of a bundle, its member `signature.json`",
     "models.store.history.FORMAT_VERSION": "history of a store, `history.jsonl`",
     "models.signing.trusted_keys.FORMAT_VERSION": "keys that a store trusts, `keys.json`",

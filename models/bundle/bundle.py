@@ -3,9 +3,9 @@
 A bundle ``NAME-VERSION.tokt`` is a zip of these members, stored in this order with no time stamps,
 so that the same model gives the same bytes:
 
-- ``manifest.json``: who this model is, how it sees, when it warns (``operating_point``), where it
-  comes from, and the SHA-256 of the other members; ``manifest_sha256`` is the hash of the
-  manifest without that key.
+- ``manifest.json``: who this model is, how it sees, when it warns (``operating_point``), what its
+  training frames show at least (``sight``: `tokt.models.sight`), where it comes from, and the
+  SHA-256 of the other members; ``manifest_sha256`` is the hash of the manifest without that key.
 - ``weights.npz``: weights, bias, thresholds (float64); with a map in front of them also its scale,
   offset, limit, landmarks and gamma (`tokt.models.nystroem`).
 - ``golden.npz``: frames, as PNG files, with the decision values the training machine computed.
@@ -25,7 +25,7 @@ shape and bound, and only then *construct* and recompute the golden values. No p
 
 Format 1 has no ``operating_point``: any one patch over its threshold is an obstacle at once.
 Formats 1 and 2 have no ``distribution.npz``, formats 1 to 3 no map, and in their operating point
-neither a prior of the water nor a distance to landmarks.
+neither a prior of the water nor a distance to landmarks. Formats 1 to 4 have no ``sight``.
 
 To change the format: raise FORMAT_VERSION, keep the reader of the old one, and prove with a file
 of the old one in a test that it still loads.
@@ -58,12 +58,13 @@ from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel, moved
 from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
+from tokt.models.sight import SightLimits, limits_for, sight_from_json, sight_to_json
 from tokt.models.water import WaterState
 
 from .signature import MEMBER as SIGNATURE
 from .signature import Signature, signature_from_bytes
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 GOLDEN_TOLERANCE = 1e-9
 SUFFIX = ".tokt"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -93,7 +94,7 @@ _MANIFEST_KEYS = {
     *("format_version", "name", "version", "extractor", "grid", "classes"),
     *("provenance", "metrics", "members", "manifest_sha256"),
 }
-_SINCE_2 = {"operating_point"}
+_SINCE_2, _SINCE_5 = {"operating_point"}, {"sight"}
 _POINT_SINCE_4 = {"water", "unlike"}
 _MAP = tuple(each.name for each in fields(NystroemMap))
 _DISTRIBUTED = {
@@ -127,6 +128,7 @@ class BundleContent:
     card: str  # Markdown
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
     distribution: Distribution | None = None  # None where there is nothing to compare frames with
+    sight: tuple[SightLimits, ...] = ()  # for each size of the training frames, where measured
 
 
 _CONTENT = fields(BundleContent)
@@ -177,6 +179,23 @@ class Bundle(BundleContent):
         if all(self.model.obstacle):
             return "each of its classes is an obstacle: it would always warn"
         return self.silence
+
+    @property
+    def blindness(self) -> str:
+        """Why a frame that shows nothing may look like open water to it, or an empty string."""
+        if not self.sight:
+            return "sight was not measured on its training frames"
+        sizes = [limits_for(self.sight, width) for _, width in self.frame_sizes]
+        if any(limits is not None and not limits.blind for limits in sizes):
+            return ""
+        return "its training frames show no finer detail than blurred ones, as compressed video"
+
+    def check_sight(self, accept_blind: bool) -> None:
+        """Raise ToktError if it may call clear what shows nothing, unless that is accepted."""
+        if self.blindness and not accept_blind:
+            fault = f"it may call a view clear that shows nothing: {self.blindness}"
+            again = "train it again from pictures as the camera gives them, or use --accept-blind"
+            raise ToktError(f"model {self.label}: {fault}; {again}")
 
     @property
     def silence(self) -> str:
@@ -315,6 +334,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
         "grid": content.grid.to_json(),
         "classes": classes_json(model),
         "operating_point": content.operating_point.to_json(),
+        "sight": sight_to_json(content.sight),
         "provenance": dict(content.provenance),
         "metrics": dict(content.metrics),
         "members": {name: hashlib.sha256(data).hexdigest() for name, data in members.items()},
@@ -393,7 +413,8 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
         check_format(version, FORMAT_VERSION, f"{where}: the bundle")
     except ValueError:
         raise ToktError(f"{where}: the bundle has no format version") from None
-    if set(manifest) != _MANIFEST_KEYS | (_SINCE_2 if version >= 2 else set()):
+    newer = (_SINCE_2 if version >= 2 else set()) | (_SINCE_5 if version >= 5 else set())
+    if set(manifest) != _MANIFEST_KEYS | newer:
         raise ToktError(f"{where}: the bundle's manifest has unknown or missing entries")
     bare = {key: value for key, value in manifest.items() if key != "manifest_sha256"}
     try:
@@ -582,6 +603,7 @@ def _check_content(
             card=members["card.md"].decode("utf-8"),
             operating_point=_operating_point(manifest, grid, model),
             distribution=distribution,
+            sight=sight_from_json(manifest["sight"]) if "sight" in manifest else (),
         )
     except (ToktError, TypeError, ValueError) as error:
         fault = _brief(error)

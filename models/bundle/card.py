@@ -6,6 +6,7 @@ from typing import Any
 from tokt.features.extractors.spec import extractor_summary
 from tokt.models.distribution import drift_words
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.sight import sight_from_json, sight_words
 
 _MAX_LIST = 12
 _WORST_FOLDS = 2
@@ -160,9 +161,9 @@ def model_card(label: str, recipe: Mapping[str, Any], provenance: Mapping[str, A
     """Markdown that follows from the recipe alone, so that it is the same at each export.
 
     The recipe is as `Registry.recipe` gives it: extractor, extractor_name (may be missing), dim,
-    grid, classes, thresholds, metrics, operating_point (missing before recipe version 2) and
-    distribution (missing before 3). `label` is ``name/version``; the provenance has the MLflow run
-    id.
+    grid, classes, thresholds, metrics, operating_point (missing before recipe version 2),
+    distribution (missing before 3) and sight (missing before 5). `label` is ``name/version``; the
+    provenance has the MLflow run id.
     """
     metrics = recipe["metrics"]
     point = OperatingPoint()
@@ -207,6 +208,10 @@ the missions named above: another dive, lamp, camera or water can differ much.
 ## Input drift
 
 {drift_words(recipe.get("distribution"))}
+
+## Sight
+
+{sight_words(sight_from_json(recipe["sight"]) if "sight" in recipe else ())}
 
 ## Lineage
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from tokt.features.common.errors import ToktError
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.sight import sight_to_json
 
 from .bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes, classes_json
 from .card import model_card
@@ -88,6 +89,7 @@ def _with_card(content: BundleContent) -> BundleContent:
         "metrics": content.metrics,
         "operating_point": content.operating_point.to_json(),
         "distribution": content.distribution.summary() if content.distribution else None,
+        "sight": sight_to_json(content.sight),
     }
     label = f"{content.name}/{content.version}"
     return replace(content, card=model_card(label, recipe, content.provenance))

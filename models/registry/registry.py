@@ -52,6 +52,7 @@ from tokt.models.bundle.bundle import (
 from tokt.models.bundle.card import model_card
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.sight import sight_from_json, sight_to_json
 from tokt.models.signing.keys import PublicKey, SigningKey
 
 from .registration import SIGNATURE_TAG, RegisteredVersion, promotion_tag
@@ -75,9 +76,9 @@ if TYPE_CHECKING:
     import pandas
 
 EXPERIMENT = "tokt"
-RECIPE_VERSION = 4
+RECIPE_VERSION = 5
 """Version 1 has no operating point, and no decision values in ``held_out.parquet``; 1 and 2 have no
-distribution of features, 1 to 3 no bundle."""
+distribution of features, 1 to 3 no bundle, 1 to 4 no numbers of sight."""
 BUNDLE_FILE = "model.tokt"
 """The bundle's name in MLflow's model."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -365,7 +366,8 @@ class Registry:
             raise ToktError(f"model {version.label} was trained by another generation of tokt")
         if recipe.get("hashed") and not version.hashed:
             raise ToktError(f"model {version.label}: the hashes of its files are gone")
-        return {"operating_point": OperatingPoint().to_json(), "distribution": None, **recipe}
+        none = {"operating_point": OperatingPoint().to_json(), "distribution": None}
+        return {**none, "sight": sight_to_json(()), **recipe}
 
     def parameters(self, version: RegisteredVersion) -> dict[str, str]:
         """What the version's run logged of how it was trained, as text."""
@@ -456,6 +458,7 @@ class Registry:
             card=model_card(version.label, recipe, provenance),
             operating_point=OperatingPoint.from_json(recipe["operating_point"]),
             distribution=distribution,
+            sight=sight_from_json(recipe["sight"]),
         )
 
     def _model(self, version: RegisteredVersion, recipe: dict[str, Any]) -> LinearModel:

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tests.models.parts import golden_of, unpack
+from tests.models.parts import SEES_ALL, golden_of, unpack
 from tokt.features.common.arrays import U8
 from tokt.features.common.canonical import json_sha256
 from tokt.features.common.errors import ToktError
@@ -153,6 +153,7 @@ def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, w
             MofNRule(0.25, 2, 1, 3, 0.5), {"target_rate": 1e-4}, **moves
         ),
         distribution=distribution,
+        sight=SEES_ALL,
     )
 
 

@@ -1,11 +1,12 @@
 """Bundles of the models that measurements make for themselves."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from tests.models.parts import golden_of
+from tests.models.parts import SEES_ALL, golden_of
 from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.extractors.extractor import Extractor
 from tokt.features.frames.grid import Grid
@@ -38,5 +39,6 @@ def content_of(
         golden=golden_of(shown, values, [model.obstacle_patches(one) for one in values]),
         trained_on=np.zeros(0, np.uint64),
         card="Made to measure; not to be deployed.\n",
+        sight=(replace(SEES_ALL[0], darkest=0.0),),
         **more,
     )

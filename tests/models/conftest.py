@@ -1,9 +1,11 @@
 """Small valid bundles: random textures, the real extractor, random weights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tests.models.parts import golden_of
+from tests.models.parts import SEES_ALL, golden_of
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import BundleContent, bundle_bytes, bundle_from_bytes
@@ -46,6 +48,7 @@ def small_content(seed=0, extractor="lbp", classes=TWO, name="small", channels=(
         trained_on=rng.integers(0, 2**63, 9).astype(np.uint64),
         card=f"# {name}/{seed}\n\nDrawn for a test: bølge.\n",
         operating_point=OperatingPoint(MofNRule(0.0, 2, 1, 3), {"target_rate": 1e-4}),
+        sight=(replace(SEES_ALL[0], darkest=0.0),),
     )
 
 

@@ -12,7 +12,12 @@ import cv2
 import numpy as np
 
 from tokt.features.common.canonical import json_sha256
+from tokt.features.extractors.patch_detail import MEASURES
 from tokt.models.bundle.bundle import Golden
+from tokt.models.sight import SightLimits
+
+SEES_ALL = (SightLimits(271, 360, 4.0, 1.0, (99.0,) * len(MEASURES), 1.0),)
+"""Limits that only a dark, saturated or flat picture is beyond."""
 
 Members = dict[str, bytes]
 _NOT_HASHED = ("manifest.json", "signature.json")
@@ -42,8 +47,12 @@ def pack(members, compression=zipfile.ZIP_STORED) -> bytes:
 
 
 def rehash(members: Members, edit: Mapping[str, Any] | None = None) -> bytes:
-    """The members as a bundle whose hashes all fit; entries of `edit` replace the manifest's."""
-    manifest = {**json.loads(members["manifest.json"]), **(edit or {})}
+    """The members as a bundle whose hashes all fit; entries of `edit` replace the manifest's.
+
+    One that is None there is left out.
+    """
+    entries = {**json.loads(members["manifest.json"]), **(edit or {})}
+    manifest = {name: value for name, value in entries.items() if value is not None}
     del manifest["manifest_sha256"]
     manifest["members"] = {
         name: hashlib.sha256(data).hexdigest()

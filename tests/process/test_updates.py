@@ -56,7 +56,7 @@ def test_its_models_are_exported_as_they_were(old, number):
                 np.testing.assert_array_equal(then[each], now[each])
     one, two = (json.loads(found["manifest.json"]) for found in (before, after))
     assert {key for key in one | two if one.get(key) != two.get(key)} == {
-        *("format_version", "manifest_sha256", "members"),
+        *("format_version", "manifest_sha256", "members", "sight"),
         *(("signed_by",) if "signed_by" in one else ()),
     }
 
@@ -72,7 +72,9 @@ def test_its_champion_is_compared_with_a_model_of_today(old):
 
 
 def test_its_store_runs_and_judges_as_it_did(old):
-    succeeds("run", "--store", "store", "--source", "dive", "--log", "now.jsonl", "--log-values")
+    run = ("run", "--store", "store", "--source", "dive", "--log", "now.jsonl", "--log-values")
+    refused("sight was not measured", *run)
+    succeeds(*run, "--accept-blind")
     before, after = lines(old / "run.jsonl"), lines(old / "now.jsonl")
     assert [line["status"] for line in after] == [line["status"] for line in before]
     one, two = ([line["decision_values"] for line in log] for log in (before, after))
@@ -81,7 +83,9 @@ def test_its_store_runs_and_judges_as_it_did(old):
 
 def test_its_store_goes_on(old):
     refused("not signed", "rollback", "store")
-    succeeds("deploy", "tower-2.tokt", "store", "--reason", "again")
+    again = ("deploy", "tower-2.tokt", "store", "--reason", "again")
+    refused("sight was not measured", *again)
+    succeeds(*again, "--accept-blind")
     found = json.loads(succeeds("store", "store", "--json").out)
     assert [entry["number"] for entry in found["history"]] == [1, 2, 3]
     assert call_tokt("doctor", "--store", "store", *WORK).code == 0

@@ -30,6 +30,7 @@ from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
 from tokt.models.bundle.card import model_card
 from tokt.models.registry.registration import FILES_TAG, NUMBER_TAG, RegisteredVersion, files_tag
 from tokt.models.registry.registry import BUNDLE_FILE, RECIPE_VERSION, Registry
+from tokt.models.sight import SightLimits, measure_sight, sight_from_json, sight_to_json
 from tokt.models.signing.keys import SigningKey
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 from tokt.training.evaluation import plots
@@ -39,6 +40,8 @@ from .classifier import decision_values
 from .train import Trained, parameters
 
 NEWEST_ALIAS = "challenger"
+_SIGHT_FRAMES = 60
+"""About so many frames of each mission's camera give the numbers of sight: more are near copies."""
 _MAX_DESCRIPTION = 5000  # what MLflow's database keeps of one
 _MAX_KEY = 250  # characters that MLflow keeps of a metric's name
 _NOT_IN_A_NAME = re.compile(r"[^\w.\- ]")  # of a metric; missions are called as folders are
@@ -88,6 +91,15 @@ def _golden(trained: Trained) -> Golden:
     return Golden(tuple(files), np.stack(values), obstacle)
 
 
+def _sight(dataset: DatasetVersion) -> tuple[SightLimits, ...]:
+    """What whole training frames show at least, from some of each mission's camera."""
+    if dataset.grid.width is None:
+        return ()
+    rows = dataset.frames.reset_index(drop=True).groupby(["mission", "camera"]).indices
+    some = (mine[:: max(len(mine) // _SIGHT_FRAMES, 1)].tolist() for mine in rows.values())
+    return measure_sight(dataset.read_frame(row) for mine in some for row in mine)
+
+
 def _trained_frames(trained: Trained) -> dict[str, str]:
     """The frame numbers learnt from, by mission; empty where it was not the dataset's."""
     dataset = trained.request.dataset
@@ -113,6 +125,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
         "landmarks": model.landmarks,
         "operating_point": trained.operating_point.to_json(),
         "distribution": trained.distribution.summary() if trained.distribution else None,
+        "sight": sight_to_json(_sight(dataset)),
         "fold_rules": [rule.to_json() for rule in trained.held_out.rules],
         "metrics": trained.metrics,
         "provenance": {
@@ -205,6 +218,7 @@ def _content(trained: Trained, recipe: bytes, run_id: str) -> BundleContent:
         card="",
         operating_point=trained.operating_point,
         distribution=trained.distribution,
+        sight=sight_from_json(written["sight"]),
     )
 
 

@@ -316,6 +316,14 @@ def deploy(
     model: ModelArgument,
     store: StoreArgument,
     reason: ReasonOption = "",
+    accept_blind: Annotated[
+        bool,
+        Option(
+            "--accept-blind",
+            help="Deploy a model that cannot tell a blurred view from open water: of compressed "
+            "video, or of an older tokt. tokt run needs it too.",
+        ),
+    ] = False,
     taxonomy: FlagsOption = None,
     sign: SignOption = None,
     registered_by: RegisteredByOption = None,
@@ -333,6 +341,7 @@ def deploy(
     if model.endswith(SUFFIX) and sign is None:
         target.check_file(Path(model))
     bundle = shipped(model, workspace, taxonomy, sign, registered_by)
+    bundle.check_sight(accept_blind)
     entry = target.deploy(bundle, reason, notice=say)
     carry = _carry(target, bundle)
     answer(json, {**entry.to_json(), "carry": carry}, lambda: _print_carry(store, entry, carry))

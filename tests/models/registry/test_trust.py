@@ -239,13 +239,14 @@ def test_a_recipe_of_version_1_is_read_and_one_of_tomorrow_is_not(old, tiny_bund
     registry, file = Registry(old), run_folder(old) / "recipe.json"
     recipe = json.loads(file.read_text("utf-8"))
     assert registry.bundle("tiny-lbp").distribution is not None
-    newer = {"operating_point", "distribution"}
+    newer = {"operating_point", "distribution", "sight"}
     first = {key: value for key, value in recipe.items() if key not in newer}
     file.write_text(json.dumps({**first, "recipe_version": 1}), "utf-8")
     bundle = registry.bundle("tiny-lbp")
     assert bundle.operating_point == OperatingPoint() and bundle.distribution is None
+    assert bundle.sight == ()
     np.testing.assert_array_equal(bundle.model.weights, read_bundle(tiny_bundle).model.weights)
-    for version in (0, 5, "2", None):
+    for version in (0, 6, "2", None):
         edit_recipe(old, recipe_version=version)
         refuses("another generation of tokt", registry.bundle, "tiny-lbp")
 

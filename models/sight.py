@@ -1,0 +1,220 @@
+"""The numbers of sight: what a camera's own pictures show at least, whatever is in front of it.
+
+A model holds them for each size of its training frames. They are limits of the measures of
+`tokt.features.extractors.patch_detail`, each of which is higher the less of a picture there is: a
+patch above one of them shows less than the training frames' emptiest water did.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from tokt.features.common.arrays import U8, Bools
+from tokt.features.common.errors import ToktError
+from tokt.features.extractors.patch_detail import MEASURES, PatchDetail, patch_detail
+
+FORMAT_VERSION = 1
+
+_QUANTILE = 0.999
+_SLACK = (0.2, 0.06, 0.06, 0.1) * 2 + (0.12,)
+"""A limit is this quantile of the training frames' patches and so much more, by `MEASURES`. Chosen
+on the left frames of the sea trial of 20 April 2016, cut into four stretches. With limits of three
+of them no frame of the fourth has more than one patch above; with those of ten frames four, three
+of them together. The right camera's 246 frames have one at most with the left one's limits."""
+DARK_LEVEL = 4.0
+"""Grey level, mean of a patch, below which nothing is seen; half of the darkest training patch
+where that is lower. Measured: 8.2 and more, in the corner that the lamps reach least."""
+
+MAX_UNSEEN = 0.1
+MAX_TOGETHER = 0.05
+MAX_MIDDLE = 3 / 16
+"""Of all patches, of all in one connected group, and of the middle 4x4: so large a part may be
+unseen in a frame that is clear. The frames that `_SLACK` was chosen on have at most 0.04, 0.03 and
+0 with limits of other stretches of their dive."""
+
+_BLURRED_BY = (1 / 68, 1 / 227)
+"""Of the width: standard deviations of blurs that limits are tried on, 20 and 6 pixels of 1360."""
+_LEAST_BLUR_PX = 2.0  # the same at least: small frames show what is blurred by less
+_TOLD = 0.9
+"""Part of the blurred training frames in which enough has to be told as not seen."""
+
+
+@dataclass(frozen=True)
+class SightLimits:
+    """Limits for frames of one size.
+
+    Raises ToktError if a value is not as said here.
+    """
+
+    height: int  # of the frames, in pixels
+    width: int
+    darkest: float  # mean level of a patch, 0 to 255, below which nothing is seen
+    repeated: float  # part of a patch's rows that may be the same as the next one, 0 to 1
+    limits: tuple[float, ...]  # of each of `MEASURES`; infinite where nothing is known
+    blurred: float  # part of the blurred training frames that are not clear, 0 to 1
+
+    def __post_init__(self) -> None:
+        numbers = (self.darkest, self.repeated, self.blurred, *self.limits)
+        if any(type(value) not in (int, float) or math.isnan(value) for value in numbers):
+            raise ToktError("limits of sight are numbers")
+        if any(type(value) is not int or value < 1 for value in (self.height, self.width)):
+            raise ToktError("limits of sight are for frames of a size in pixels")
+        if len(self.limits) != len(MEASURES):
+            raise ToktError(f"limits of sight are {len(MEASURES)} numbers")
+        parts = self.darkest / 255, self.repeated, self.blurred
+        if not all(0 <= part <= 1 for part in parts):
+            raise ToktError("a level is 0 to 255, a part 0 to 1")
+
+    @property
+    def blind(self) -> bool:
+        """Whether a blurred picture would pass: training frames show as little fine detail."""
+        return self.blurred < _TOLD
+
+    @classmethod
+    def of(
+        cls, height: int, width: int, sharp: Sequence[PatchDetail], blurred: Sequence[PatchDetail]
+    ) -> SightLimits:
+        """The limits that training frames of one size give, from some of them blurred as well.
+
+        Both have one frame at least.
+        """
+        lit = np.concatenate([one.measures[one.bright < BRIGHT_PART] for one in sharp])
+        if not len(lit):
+            lit = np.zeros((1, len(MEASURES)))
+        limits = np.quantile(lit, _QUANTILE, axis=0, method="higher") + _SLACK
+        darkest = min(DARK_LEVEL, 0.5 * min(float(one.level.min()) for one in sharp))
+        told = np.mean([hides_too_much((one.measures > limits).any(axis=-1)) for one in blurred])
+        repeated = max(
+            float(one.repeated[one.bright < BRIGHT_PART].max(initial=0)) for one in sharp
+        )
+        rounded = tuple(round(float(limit), 3) for limit in limits)
+        numbers = round(darkest, 3), round(repeated, 3), rounded, round(float(told), 3)
+        return cls(height, width, *numbers)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {**values, "limits": dict(zip(MEASURES, self.limits, strict=True))}
+
+    @classmethod
+    def from_json(cls, value: Any) -> SightLimits:
+        """Read back what `to_json` gave. Raises ToktError if it is none."""
+        known = {each.name for each in fields(cls)}
+        limits = value.get("limits") if isinstance(value, Mapping) and set(value) == known else None
+        if not isinstance(limits, Mapping) or set(limits) != set(MEASURES):
+            raise ToktError("limits of sight have other entries")
+        return cls(**{**value, "limits": tuple(limits[name] for name in MEASURES)})
+
+
+BRIGHT_PART = 0.5
+"""Part of a patch's pixels at 250 or more from which on it is saturated."""
+_BLURRED_EVERY = 6  # training frames, one is blurred
+
+
+def measure_sight(frames: Iterable[U8]) -> tuple[SightLimits, ...]:
+    """Measure limits for each size of some frames.
+
+    Parameters
+    ----------
+    frames : iterable of array of uint8, shape (height, width) or (height, width, 3)
+        As the camera gave them. Those that are too small for patches are passed over.
+    """
+    sizes: dict[tuple[int, int], tuple[list[PatchDetail], list[PatchDetail]]] = {}
+    for frame in frames:
+        detail = patch_detail(frame)
+        if detail is None:
+            continue
+        sharp, blurred = sizes.setdefault((frame.shape[0], frame.shape[1]), ([], []))
+        if len(sharp) % _BLURRED_EVERY == 0:
+            tried = (patch_detail(_blurred(frame, by)) for by in _BLURRED_BY)
+            blurred += [one for one in tried if one is not None]
+        sharp.append(detail)
+    return tuple(SightLimits.of(*size, *details) for size, details in sorted(sizes.items()))
+
+
+def _blurred(frame: U8, by: float) -> U8:
+    sigma_px = max(by * frame.shape[1], _LEAST_BLUR_PX)
+    return np.asarray(cv2.GaussianBlur(frame, (0, 0), sigma_px), np.uint8)
+
+
+class PatchGroup(NamedTuple):
+    """A connected group of patches."""
+
+    patches: Bools  # (rows, cols)
+    size: int  # number of patches
+    box: tuple[int, int, int, int]  # first column, first row, columns, rows
+
+
+def largest_group(patches: Bools) -> PatchGroup:
+    """The largest group of patches that share sides; there is one at least."""
+    _, labels, groups, _ = cv2.connectedComponentsWithStats(
+        patches.astype(np.uint8), connectivity=4
+    )
+    largest = 1 + int(groups[1:, cv2.CC_STAT_AREA].argmax())
+    left, top, width, height, size = map(int, groups[largest])
+    return PatchGroup(labels == largest, size, (left, top, width, height))
+
+
+def hides_too_much(unseen: Bools) -> bool:
+    """Whether a frame is not clear with these patches unseen, shape (rows, cols)."""
+    if not unseen.any():
+        return False
+    rows, cols = unseen.shape
+    middle = unseen[rows // 2 - 2 : rows // 2 + 2, cols // 2 - 2 : cols // 2 + 2]
+    together = largest_group(unseen).size / unseen.size
+    return bool(unseen.mean() > MAX_UNSEEN or together > MAX_TOGETHER or middle.mean() > MAX_MIDDLE)
+
+
+def sight_words(limits: Sequence[SightLimits]) -> str:
+    """What is known of a model's sight, for people."""
+    if not limits:
+        return "Sight was not measured: a picture that shows nothing may look like open water."
+    told = [
+        f"{each.width}x{each.height}: {100 * each.blurred:.0f} %"
+        + (" (blind: as compressed video)" if each.blind else "")
+        for each in limits
+    ]
+    return (
+        "The runtime compares the fine detail of each patch with that of the training frames, and "
+        "says clear only where an obstacle would be seen. Of training frames that were blurred "
+        f"it calls none clear in, by frame size: {', '.join(told)}."
+    )
+
+
+def sight_to_json(limits: Iterable[SightLimits]) -> dict[str, Any]:
+    """The ``sight`` of a bundle's manifest."""
+    return {"format": FORMAT_VERSION, "sizes": [each.to_json() for each in limits]}
+
+
+def sight_from_json(value: Any) -> tuple[SightLimits, ...]:
+    """Read back what `sight_to_json` gave. Raises ToktError if it is none."""
+    if not isinstance(value, Mapping) or set(value) != {"format", "sizes"}:
+        raise ToktError("the numbers of sight have other entries")
+    if value["format"] != FORMAT_VERSION or not isinstance(value["sizes"], list):
+        raise ToktError(f"the numbers of sight are of format {value['format']!r}, not 1")
+    return tuple(SightLimits.from_json(each) for each in value["sizes"])
+
+
+def limits_for(limits: Sequence[SightLimits], width: int) -> SightLimits | None:
+    """Those of the size that is nearest to a frame's width; None where there are none."""
+    return min(limits, key=lambda each: abs(each.width - width), default=None)
+
+
+_UNTESTED = math.inf
+ANY_CAMERA = SightLimits(
+    *(1, 1, DARK_LEVEL, 0.7),
+    (6.6, -0.3, -0.1, _UNTESTED, 6.6, -0.1, -0.05, _UNTESTED, -0.3),
+    blurred=1.0,
+)
+"""For stereo without a model: wide enough for both cameras of the sea trial, their frames resized
+to width 360 and rendered ones, whose highest are 5.0, -0.36, -0.10, -0.12, 5.0, -0.23, -0.07, 0.1
+and -0.29; of the last up to 0.6 of the rows are the same as the next. A camera whose noise is not
+alike from pixel to pixel, a monochrome one without compression, is outside."""
+UNMEASURED = SightLimits(1, 1, DARK_LEVEL, 1.0, (_UNTESTED,) * len(MEASURES), blurred=0.0)
+"""For models without numbers: only what is dark, saturated or of one level is told."""
