@@ -163,6 +163,12 @@ class ModelConfig:
         None, "Run this store's active model, and the next one when it changes.", not_with="bundle"
     )
     bundle: Path | None = option(None, "Run the model in this file.", not_with="store")
+    accept_blind: bool = option(
+        False,
+        "Run a model that cannot tell a blurred view from open water: of compressed video, or of "
+        "an older tokt. Each verdict's health says so.",
+        only=MODELS,
+    )
     threads: int = option(1, "Threads that share a frame's patches.", only=MODELS, logged="threads")
     fixed_boundary: bool = option(
         False,

@@ -1,4 +1,4 @@
-"""A frame, the mark of its pixels that logs carry, and the sources that deliver frames.
+"""A frame, checks of its shape, the mark of its pixels that logs carry, and what a source is.
 
 A source delivers frames in order, and a frame that cannot be read as a frame with the reason
 instead of a picture: it never raises for one, and never leaves one out.
@@ -13,7 +13,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 
-from .reason import NO_FAULT, Fault
+from .reason import NO_FAULT, Fault, Reason
 
 MANY_MISSED = 1_000_000
 """Frames missed, where nobody knows how many."""
@@ -74,3 +74,33 @@ def pixel_mark(picture: U8) -> str:
     first = min(MARK_STEP_ROWS // 2, len(picture) // 2)
     rows = np.ascontiguousarray(picture[first::MARK_STEP_ROWS])
     return f"{zlib.crc32(rows.data, zlib.crc32(repr(picture.shape).encode())):08x}"
+
+
+def shape_fault(frame: U8) -> Fault:
+    """Why an array is no picture, uint8 (height, width) or (height, width, 3); or nothing."""
+    picture = frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] == 3)
+    if frame.dtype != np.uint8 or not picture or 0 in frame.shape:
+        words = f"the frame is {frame.dtype} of shape {frame.shape}, not an 8-bit picture"
+        return Fault(Reason.WRONG_SIZE, words)
+    return NO_FAULT
+
+
+def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
+    """Why a pair cannot be matched: a picture is missing, or not of the calibration's size.
+
+    Empty where it can. The size is width, height in pixels.
+    """
+    if frame.left is None:
+        return frame.left_fault or Fault(Reason.MISSING, "there is no left frame")
+    if frame.right is None:
+        return frame.right_fault or Fault(Reason.MISSING, "there is no right frame")
+    for side, picture in (("left", frame.left), ("right", frame.right)):
+        fault = shape_fault(picture)
+        if fault:
+            return fault.about(side)
+        height, width = picture.shape[:2]
+        if (width, height) != frame_size:
+            expected = "x".join(map(str, frame_size))
+            words = f"the {side} frame is {width}x{height}, the calibration is for {expected}"
+            return Fault(Reason.WRONG_SIZE, words)
+    return NO_FAULT

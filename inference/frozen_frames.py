@@ -34,8 +34,7 @@ from tokt.features.common.arrays import U8, U64
 from tokt.features.kernels.dispatch import KERNELS
 
 from .config import Limits
-from .frame import Frame
-from .frame_checks import one_channel, shape_fault
+from .frame import Frame, shape_fault
 from .reason import Fault, Reason
 
 # Measured on the 490 pairs of successive frames of the sea trial of 20 April 2016, 245 of each
@@ -123,13 +122,20 @@ def _weights(width: int) -> U64:
     return weights
 
 
+def _one_channel(picture: U8) -> U8:
+    """A gray picture itself, of a BGR one the green channel: shape (height, width), in C order."""
+    if picture.ndim == 2 or not picture.size:
+        return np.ascontiguousarray(picture if picture.ndim == 2 else picture[:, :, 1])
+    return np.asarray(cv2.extractChannel(picture, 1), np.uint8)
+
+
 def _some(lines: U8) -> U8:
     step = max(len(lines) // _ROWS, 1)
     return lines[step // 2 :: step]
 
 
 def _look(picture: U8) -> _Look:
-    rows = one_channel(_some(picture))
+    rows = _one_channel(_some(picture))
     if rows.shape[1] < _FEWEST_WORDS * _WORD:
         none = np.zeros((2, len(rows), 0), np.uint64)
         return _Look(rows, none[0], none, 0.0)

@@ -55,8 +55,11 @@ class Reason(StrEnum):
     """A picture shows nothing, or noise alone.
     Look at the picture, and whether something covers the lens."""
     DAMAGED = "damaged"
-    """A part of a picture is of one grey level, or rows repeat: damaged, or covered.
+    """A part of a picture has rows that repeat, or noise that no camera gives: damaged or covered.
     Check the network for losses, and whether something covers the lens."""
+    BLURRED = "blurred"
+    """A part of the view has none of the fine detail that the camera's pictures have.
+    Clean the port; check the focus, and whether the video is compressed more than in training."""
     FROZEN = "frozen"
     """A camera repeats its last picture, a part of it, or an earlier one.
     Restart the camera or its encoder."""

@@ -22,7 +22,7 @@ for them: every model's name of ASCII is whole. A datagram without classes fits 
 DATAGRAM_BYTES = 1472
 
 FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY, WITH_PLACE, WITH_CLASSES = range(1, 8)
-WITH_MOVING, WITH_ANCHOR_STATE = 8, 9
+WITH_MOVING, WITH_ANCHOR_STATE, WITH_SIGHT = 8, 9, 10
 """Versions of the table (`SINCE` says what each brought). A new field gets a new version and stands
 at the end of its datagram or log line, where every older reader leaves it out."""
 
@@ -128,6 +128,7 @@ FIELDS = (
     _verdict("classes", dict, unit="px", since=WITH_CLASSES, max_bytes=CLASSES_BYTES),
     _verdict("moving", float, since=WITH_MOVING),
     _verdict("anchor", str, since=WITH_ANCHOR_STATE),
+    _verdict("sight", dict, since=WITH_SIGHT),
     _log("run", str, "run", nullable=False),
     _log("frame", int, "report.frame"),
     _log("missed", int, "frame.missed", nullable=False, metric="frames_missed_total"),
@@ -181,6 +182,9 @@ MEANINGS = {
     "in the first three pairs, and where the water shows too few points",
     "anchor": "held, searching or lost: the object that somebody named; null without one, and in "
     "heartbeats",
+    "sight": "seen: part of the view in which an obstacle would be seen, 0 to 1. blind: box around "
+    "the largest part where none would be: x0, y0, width, height, as parts of the view. Null in "
+    "heartbeats, and where nothing was looked at",
     "run": "the run's id: a log holds run after run",
     "frame": "the frame's number in its source; null in a heartbeat's line",
     "missed": "frames not delivered since the one before",
@@ -208,6 +212,7 @@ SINCE = {
     WITH_CLASSES: "the classes seen",
     WITH_MOVING: "moving things",
     WITH_ANCHOR_STATE: "an object that is named",
+    WITH_SIGHT: "what is seen of the view",
 }
 """What each version of the table brought."""
 V1_FIELDS = tuple(each for each in FIELDS if each.v1)

@@ -28,6 +28,7 @@ from tokt.models import operating_point
 
 from .frame import Frame
 from .reason import NO_FAULT, Fault, Reason
+from .sight import SightMap
 
 TEXTURE, DISPARITY, PUSHBROOM = "texture", "disparity", "pushbroom"
 
@@ -59,6 +60,7 @@ class Detection:
     # *clear* stands against it.
     vetoes_clear: bool = False
     note: str = ""  # what else the pilot should know about a frame that was judged
+    sight: SightMap | None = None  # what was seen of the left frame, where it was looked at
 
 
 class Detector(Protocol):
@@ -128,6 +130,9 @@ class Verdict:
     moving: float | None = None  # share of the view that moving things cover, 0..1
     # Of an object that somebody named: held, searching or lost (`policy.object_tracker`).
     anchor: str | None = None
+    # Of the left view: ``seen``, the part of it, 0..1; ``blind``, the box around the largest group
+    # of patches that are not, as parts of its width and height, if there is one.
+    sight: Mapping[str, tuple[float, ...]] | None = None
 
 
 def health_of(*words: str) -> str:

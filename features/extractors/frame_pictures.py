@@ -1,6 +1,5 @@
 """The pictures that extractors look at, each prepared once a frame."""
 
-from collections.abc import Collection
 from functools import cached_property
 
 import numpy as np
@@ -73,18 +72,6 @@ class FramePictures:
                 else KERNELS.quantize(self.gray16, image, self.threads)
             )
         return self._made[image]
-
-    def gray(self, images: Collection[Quantization | None]) -> U8:
-        """A gray picture for frame checks, made from what extractors of `images` need anyway.
-
-        The plain one, or where no image is plain the 16-bit one rounded to whole grey levels: at
-        most a level apart, and not the cost of another resize. It raises as `gray_picture` does.
-        """
-        if None in images or None in self._made:
-            return self.picture(None)
-        rounded = self.gray16 + np.uint16(STEPS_PER_LEVEL // 2)
-        rounded >>= np.uint16(STEPS_PER_LEVEL.bit_length() - 1)
-        return rounded.astype(np.uint8)
 
     @cached_property
     def has_colour(self) -> bool:

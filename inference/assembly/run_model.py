@@ -18,7 +18,7 @@ from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
 
 if TYPE_CHECKING:
-    pass
+    from tokt.inference.frame import Frame
 
 
 class RunModel:
@@ -45,6 +45,7 @@ class RunModel:
             else:
                 assert self._wanted.store is not None
                 found, self.notes = load_running(Store(self._wanted.store))
+            found.check_sight(self._wanted.accept_blind)
         except ToktError as error:
             self.fault = str(error)
             raise
@@ -54,6 +55,11 @@ class RunModel:
     def as_it_runs(self, bundle: Bundle) -> Bundle:
         """A model that has passed all checks, with its boundary as the options want it."""
         return bundle.with_fixed_boundary() if self._wanted.fixed_boundary else bundle
+
+    def note_on(self, bundle: Bundle | None) -> str:
+        """What each verdict's health says of a model: why it is not the active one, or is blind."""
+        blindness = "" if bundle is None else bundle.blindness
+        return "; ".join(filter(None, (*self.notes, blindness)))
 
     def words(self) -> list[str]:
         """Lines for people."""
@@ -75,11 +81,19 @@ def open_model_watch(
 
     def put(bundle: Bundle, note: str) -> None:
         wanted = config.model
-        slot.put(TextureDetector(model.as_it_runs(bundle), wanted.threads), note)
+        detector = TextureDetector(model.as_it_runs(bundle), wanted.threads, assembly.sight)
+        slot.put(detector, "; ".join(filter(None, (note, bundle.blindness))))
         drift.set_model(bundle)
 
+    def misfit(bundle: Bundle, frame: Frame | None = None) -> str:
+        try:
+            bundle.check_sight(config.model.accept_blind)
+        except ToktError as error:
+            return str(error)
+        return assembly.misfit(bundle, frame)
+
     watch = ModelReloader(
-        *(Store(config.model.store), model.bundle, assembly.misfit, put, SYSTEM_CLOCK),
+        *(Store(config.model.store), model.bundle, misfit, put, SYSTEM_CLOCK),
         is_active=not model.notes,
     )
     watch.start()

@@ -24,8 +24,7 @@ from tokt.features.common.address import resolve
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError, os_errors_as, os_words
 from tokt.inference.clock import SYSTEM_CLOCK, awake_s
-from tokt.inference.frame import Frame
-from tokt.inference.frame_checks import shape_fault
+from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.policy.object_model import Box, detail_picture
 from tokt.inference.policy.object_naming import REFUSED, ObjectNaming
 from tokt.inference.policy.object_tracker import HELD

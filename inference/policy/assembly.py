@@ -13,6 +13,7 @@ from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS, MOVING, NEAR
 from tokt.inference.frame import Frame
+from tokt.inference.sight import SightMeter, stereo_meter
 from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
 from tokt.inference.verdict import PUSHBROOM, Detector
 
@@ -61,16 +62,16 @@ class StereoSetup:
         baseline_m = float(np.linalg.norm(calibration.T_mm)) / 1000
         return float(calibration.K1[0, 0]) * baseline_m / calibration.frame_size[0]
 
-    def detector(self, grid: Grid) -> Detector:
-        """The detector, its mask as wide as the grid wants it."""
+    def detector(self, grid: Grid, sight: SightMeter) -> Detector:
+        """The detector, its mask as wide as the grid wants it; maps are read from `sight`."""
         # Imported where there are pairs: a runtime without is started sooner.
         if self.algorithm == PUSHBROOM:
             from tokt.inference.stereo.pushbroom import PushbroomDetector
 
-            return PushbroomDetector(self.calibration, grid, odometry=self.odometry)
+            return PushbroomDetector(self.calibration, grid, self.odometry, sight)
         from tokt.inference.stereo.disparity import DisparityDetector
 
-        return DisparityDetector(self.calibration, grid, self.algorithm, self.scale)
+        return DisparityDetector(self.calibration, grid, self.algorithm, self.scale, sight=sight)
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class Assembly:
     texture: ReloadableTextureDetector | None  # None where the policy has no model
     stereo: StereoSetup | None
     grid: Grid  # which disparity's mask is as wide as
+    sight: SightMeter  # what all detectors read
 
     def misfit(self, model: Bundle, frame: Frame | None = None) -> str:
         """Why a model cannot take the place of the one there is, or an empty string.
@@ -135,10 +137,11 @@ def assemble(
             raise
         fault = str(error)
     grid = DEFAULT_GRID if model is None else model.grid
-    disparity = None if stereo is None else stereo.detector(grid)
+    sight = SightMeter() if stereo is None else stereo_meter()
+    disparity = None if stereo is None else stereo.detector(grid, sight)
     blind_m = 0.0 if stereo is None else stereo.blind_m
     texture = ReloadableTextureDetector(
-        None if model is None else TextureDetector(model, threads), fault
+        None if model is None else TextureDetector(model, threads, sight), fault
     )
     if name == "texture":
         policy: Policy = SinglePolicy(texture)
@@ -153,7 +156,8 @@ def assemble(
     if moving is not None:
         policy = MovingThings(policy, moving)
     reloadable = None if name == "disparity" else texture
-    return Assembly(TemporalCues(policy, reloadable, anchor, blind_m), reloadable, stereo, grid)
+    cues = TemporalCues(policy, reloadable, anchor, blind_m)
+    return Assembly(cues, reloadable, stereo, grid, sight)
 
 
 def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tokt.features.common.arrays import U8
-from tokt.inference.frame_checks import shape_fault
+from tokt.inference.frame import shape_fault
 
 from .object_model import ObjectModel, ObjectPlace, detail_picture
 

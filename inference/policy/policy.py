@@ -76,8 +76,10 @@ def guarded(detector: Detector, frame: Frame) -> Detection:
 
 def _judgement(detection: Detection, health: str, reason: Reason) -> Judgement:
     behind = {name: getattr(detection, name) for name in _BEHIND}
+    sight = None if detection.sight is None else detection.sight.to_fields()
     if detection.mask is None:
-        return Judgement(unknown_verdict(Fault(reason, health)), **behind)
+        unknown = unknown_verdict(Fault(reason, health))
+        return Judgement(replace(unknown, sight=sight), **behind)
     verdict = verdict_from_mask(
         detection.mask, detection.method, detection.model, detection.distance_m, health
     )
@@ -90,6 +92,7 @@ def _judgement(detection: Detection, health: str, reason: Reason) -> Judgement:
         contact_s=detection.contact_s,
         reason=reason,
         classes=classes,
+        sight=sight,
     )
     return Judgement(whole, **behind)
 
@@ -103,7 +106,8 @@ def _not_clear(judgement: Judgement) -> Judgement:
     if judgement.verdict.status != CLEAR:
         return judgement
     verdict = judgement.verdict
-    return replace(judgement, verdict=unknown_verdict(Fault(verdict.reason, verdict.health)))
+    unknown = unknown_verdict(Fault(verdict.reason, verdict.health))
+    return replace(judgement, verdict=replace(unknown, sight=verdict.sight))
 
 
 @dataclass(eq=False)
@@ -164,12 +168,13 @@ class FallbackPolicy:
         first = self._in_time(found, took_s)
         if first.mask is not None:
             self._unasked += 1 + frame.missed
-            judgement = _judgement(first, health_of(first.note), first.fault.reason)
+            judgement = _judgement(first, health_of(first.fault, first.note), first.fault.reason)
             return replace(judgement, texture_s=took_s)
         # Frames that it is not asked about are missing to it: what it remembers is older by them.
         second = guarded(self.disparity, replace(frame, missed=frame.missed + self._unasked))
         self._unasked = 0
         health = health_of(_unable(first), _unable(second))
+        second = replace(second, sight=second.sight or first.sight)
         judgement = _judgement(second, health, _reason(first, second))
         judgement = replace(
             judgement, features=found.features, texture_s=took_s, boundary=found.boundary
@@ -182,7 +187,7 @@ class FallbackPolicy:
             return found
         late = Fault(Reason.LATE, f"late: {1000 * took_s:.0f} ms")
         if cv2.mean(found.mask)[0] > STATUS_MEAN_THRESHOLD:
-            return replace(found, fault=late, note="; ".join(filter(None, (found.note, late))))
+            return replace(found, fault=late)
         return replace(found, mask=None, fault=late)
 
 
@@ -202,9 +207,10 @@ class EitherPolicy:
     def judge(self, frame: Frame) -> Judgement:
         """Both detectors' answers joined."""
         first, second = guarded(self.texture, frame), guarded(self.disparity, frame)
-        health = health_of(*(_unable(found) or found.note for found in (first, second)))
+        health = health_of(*(_told(found) for found in (first, second)))
         if first.mask is None or second.mask is None:
             able = second if first.mask is None else first
+            able = replace(able, sight=first.sight or second.sight)
             judgement = _judgement(able, health, _reason(first, second))
             judgement = replace(judgement, features=first.features, boundary=first.boundary)
             warned = first.vetoes_clear or second.vetoes_clear
@@ -217,7 +223,11 @@ class EitherPolicy:
             closing_m_s=second.closing_m_s,
             contact_s=second.contact_s,
         )
-        return _judgement(joined, health, Reason.OK)
+        return _judgement(joined, health, _reason(first, second))
+
+
+def _told(detection: Detection) -> str:
+    return _unable(detection) or "; ".join(filter(None, (detection.fault, detection.note)))
 
 
 def _unable(detection: Detection) -> str:
@@ -225,6 +235,6 @@ def _unable(detection: Detection) -> str:
 
 
 def _reason(*found: Detection) -> Reason:
-    """Of the first that could not judge; that there is no model is said if nothing else is."""
-    reasons = [detection.fault.reason for detection in found if detection.mask is None]
+    """Of the first with a fault; that there is no model is said if nothing else is."""
+    reasons = [detection.fault.reason for detection in found if detection.fault]
     return min(reasons, key=lambda reason: reason is Reason.NO_MODEL, default=Reason.OK)

@@ -124,7 +124,7 @@ class Replay:
                     words = "a model was exchanged where the policy has none"
                     raise ToktError(f"{self.run.path}: {words}")
                 model = self._as_it_ran(self.models[logged.model.sha256])
-                assembly.texture.put(TextureDetector(model))
+                assembly.texture.put(TextureDetector(model, sight=assembly.sight))
                 history.begin_model(_window(assembly))
             exchanged = logged.exchanged
             if logged.named is not None:

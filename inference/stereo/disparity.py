@@ -11,26 +11,29 @@ too little (`faint_matches`); and clear is only what looks like open water (`ope
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, U8
+from tokt.features.extractors.patch_detail import detail_grid
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS, Kernels
+from tokt.features.kernels.quantization import STEPS_PER_LEVEL
 from tokt.inference.config import BM, DEFAULT_SCALE
-from tokt.inference.frame import Frame
-from tokt.inference.frame_checks import PATCH_GRID, frame_fault, pair_shape_fault
-from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.frame import Frame, pair_shape_fault
+from tokt.inference.reason import Reason
+from tokt.inference.sight import SightMeter, stereo_meter
 from tokt.inference.verdict import DISPARITY, STATUS_MEAN_THRESHOLD, Detection
 
 from .calibration import StereoCalibration
 from .epipolar_drift import EpipolarDriftCorrection
 from .faint_matches import FaintMatches
 from .matching import STEP_PX, DenseMatcher, Matches
-from .pair_health import PairFault, PairHealth, one_picture_fault
+from .pair_health import PairFault, PairHealth, Unfit, unfit_pictures
 from .rectify import Rectifier
 
 NEAR_PERCENTILE = 20.0
@@ -65,6 +68,7 @@ class DisparityDetector:
     scale: float = DEFAULT_SCALE  # of the views that are matched, over the frames' size
     kernels: Kernels = KERNELS
     step: int = STEP_PX  # match every so many rows and columns only, for speed; 1 for all
+    sight: SightMeter = field(default_factory=stereo_meter)
     method: ClassVar = DISPARITY
 
     def __post_init__(self) -> None:
@@ -93,7 +97,8 @@ class DisparityDetector:
         if frame.left is None or frame.right is None or fault:
             return Observation(Detection(None, DISPARITY, fault=fault), None)
         scaled = [self.rectifier.scaled(picture) for picture in (frame.left, frame.right)]
-        unfit = _unfit(frame.left, frame.right, scaled) or one_picture_fault(frame)
+        small = _gray16(frame.left, scaled[0]), _gray16(frame.right, scaled[1])
+        unfit = unfit_pictures(self.sight, frame.left, frame.right, small)
         views = (
             self.rectifier.left_of(scaled[0]),
             self.rectifier.right_of(scaled[1], self.row_shift_px),
@@ -101,9 +106,10 @@ class DisparityDetector:
         found = self._matcher.match(*views)
         offset = self._drift.add(*views, found, self.rectifier.scale)
         doubt = self._health.judge(*views, found, offset, self._drift)
-        if doubt is not None and not unfit:
+        if doubt is not None and not unfit.fault:
             doubt = self._health.explained(doubt, frame.left, frame.right, self.match)
-        judged = self._judged(frame, views, found, unfit, doubt)
+        judged = self._judged(views, found, unfit, doubt)
+        judged = replace(judged, sight=self.sight.of(frame.left))
         if frame.timed:
             closing_m_s, contact_s = self._closing.add(frame.t, judged.distance_m)
             judged = replace(judged, closing_m_s=closing_m_s, contact_s=contact_s)
@@ -120,12 +126,7 @@ class DisparityDetector:
         return self._matcher.match(*views)
 
     def _judged(
-        self,
-        frame: Frame,
-        views: tuple[F32, F32],
-        found: Matches,
-        unfit: Fault,
-        doubt: PairFault | None,
+        self, views: tuple[F32, F32], found: Matches, unfit: Unfit, doubt: PairFault | None
     ) -> Detection:
         """What matches come to: `unfit` says why a picture is, `doubt` why the two do not fit."""
         mask = np.zeros(self._mask_size, np.uint8)
@@ -134,18 +135,25 @@ class DisparityDetector:
         obstacle = cv2.mean(mask)[0] > STATUS_MEAN_THRESHOLD
         if doubt is not None and not (doubt.matches_stand and obstacle):
             # An unfit picture explains it; two good ones that do not match are a sign of danger.
-            vetoes_clear = (doubt.vetoes_clear and not unfit) or unfit.reason is Reason.STEREO
-            return Detection(None, DISPARITY, fault=unfit or doubt.fault, vetoes_clear=vetoes_clear)
+            vetoes_clear = unfit.vetoes_clear or (doubt.vetoes_clear and not unfit.fault)
+            fault = unfit.fault or doubt.fault
+            return Detection(None, DISPARITY, fault=fault, vetoes_clear=vetoes_clear)
         distance = self.distance_m(found)
         if obstacle:
             self._faint.take(found.valid, self.rectifier)
-            note = unfit or (doubt.reason if doubt is not None else "")
+            note = unfit.fault or (doubt.reason if doubt is not None else "")
             return Detection(mask, DISPARITY, distance_m=distance, note=note)
-        if unfit:
-            # One picture in both places: the left one may not be the left camera's.
-            vetoes_clear = unfit.reason is Reason.STEREO
-            return Detection(None, DISPARITY, fault=unfit, vetoes_clear=vetoes_clear)
-        return self._faint.judge(frame, *views, distance)
+        unjudged = Detection(None, DISPARITY, fault=unfit.fault, vetoes_clear=unfit.vetoes_clear)
+        if unfit.is_one_picture:
+            return unjudged
+        faint = self._faint.judge(*views, distance)
+        if not unfit.fault:
+            return faint
+        # What is found in the part that is seen stays; that nothing is found proves nothing.
+        if faint.mask is not None and faint.mask.any():
+            return replace(faint, note=f"{faint.note}; {unfit.fault}")
+        waits = faint.fault.reason is Reason.FRAME_RULE
+        return replace(unjudged, vetoes_clear=unjudged.vetoes_clear or waits)
 
     def depth_m(self, found: Matches) -> F32:
         """Depth in metres along the views' axis, float32, (height, width); nan without a match."""
@@ -161,17 +169,13 @@ class DisparityDetector:
         return float(self.rectifier.focal_baseline_px_m / far)
 
 
-def _unfit(left: U8, right: U8, scaled: list[F32]) -> Fault:
-    """Which picture `frame_fault` finds fault with and why, or an empty string."""
-    for side, picture, half in (("left", left, scaled[0]), ("right", right, scaled[1])):
-        by = max(round(half.shape[1] / (PATCH_GRID.width or half.shape[1])), 1)
-        height, width = (max(side_px // by, 1) for side_px in half.shape)
-        small = cv2.resize(half, (width, height), interpolation=cv2.INTER_AREA)
-        gray = np.asarray(cv2.convertScaleAbs(small), np.uint8)
-        fault = frame_fault(picture, gray, replace(PATCH_GRID, width=width))
-        if fault:
-            return fault.about(side)
-    return NO_FAULT
+def _gray16(frame: U8, scaled: F32) -> NDArray[np.uint16] | None:
+    """The small gray picture that sight is measured on, of one that is smaller than the frame."""
+    height, width = detail_grid(frame.shape[1]).resized(*frame.shape[:2])
+    if scaled.shape[1] < width:
+        return None
+    small = cv2.resize(scaled, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(np.rint(small * STEPS_PER_LEVEL), np.uint16)
 
 
 WINDOW_S = 2.0

@@ -21,14 +21,13 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, Bools
 from tokt.features.kernels.dispatch import Kernels
-from tokt.inference.frame import Frame
-from tokt.inference.reason import Fault, Reason
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Detection
 from tokt.models.operating_point import MofNRule, MofNState
 
 from .calibration import StereoCalibration
 from .matching import Contrast, DenseMatcher
-from .pair_health import MISFIT, no_detail_fault, open_water_fault
+from .pair_health import MISFIT, open_water_fault
 from .rectify import Rectifier
 
 VIEW_WIDTH = 340
@@ -99,9 +98,7 @@ class FaintMatches:
         """A pair that is proof by itself: its matches, in the views of its own rectifier."""
         self._matched.judge(_shares(valid, rectifier).ravel())
 
-    def judge(
-        self, frame: Frame, left: F32, right: F32, distance_m: float | None = None
-    ) -> Detection:
+    def judge(self, left: F32, right: F32, distance_m: float | None = None) -> Detection:
         """What a pair comes to that shows no obstacle by itself.
 
         `left` and `right` are its rectified views, `distance_m` that of the few matches found in
@@ -130,9 +127,7 @@ class FaintMatches:
             words = "something faint is in view, and the frames before are not known"
             fault = Fault(Reason.FRAME_RULE, words)
         else:
-            fault = no_detail_fault(frame)
-            if fault:
-                self._doubt()
+            fault = NO_FAULT
         if fault:
             return Detection(None, self._method, fault=fault, vetoes_clear=True)
         return Detection(np.zeros(self._mask_size, np.uint8), self._method)

@@ -24,17 +24,17 @@ What cannot be found:
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, U8
 from tokt.inference.config import Limits
-from tokt.inference.frame import Frame
-from tokt.inference.frame_checks import fine_detail
 from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.sight import SightMeter
 
 from .epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
 from .matching import LOCAL_SIGMA_GREY, Matches, local_mean_and_sigma
@@ -87,11 +87,6 @@ MAX_DEVIATION_PX = 1.2
 0.36 / 0.46."""
 MAX_VARIATION_PX = 1.0
 """Median deviation of the remembered pairs' row offsets. True pairs: at most 0.17 / 0.15."""
-
-MIN_DETAIL = 0.51
-"""`fine_detail` that pictures of open water have at least. In what is blurred or enlarged a faint
-thing's texture is lost before any other. Measured: 0.58 and more on the sea trial, 0.61 on the
-other site; compressed at JPEG quality 50, 0.53 and more; blurred by 8 pixels, 0.506 at most."""
 
 LEVELNESS = 0.1
 """What is left of a view's contrast: the standard deviation of the mean grey levels of its 10x10
@@ -151,23 +146,33 @@ def pair_fault(
     return misfit if dark is None else replace(dark, matches_stand=misfit is None)
 
 
-def one_picture_fault(frame: Frame) -> Fault:
-    """Whether both cameras give one and the same picture, or an empty string."""
-    left, right = frame.left, frame.right
-    if left is None or right is None or not np.array_equal(left[::_ROW_STEP], right[::_ROW_STEP]):
-        return NO_FAULT
-    return Fault(Reason.STEREO, "the left and right frames are one and the same picture")
+@dataclass(frozen=True)
+class Unfit:
+    """Why a picture of a pair proves nothing where nothing is matched; empty where both are fit."""
+
+    fault: Fault = NO_FAULT
+    # Of the left one, which other detectors look at, too; and where both cameras give one picture,
+    # which may be the right one's.
+    vetoes_clear: bool = False
+
+    @property
+    def is_one_picture(self) -> bool:
+        """Whether both cameras give one and the same picture, so that a match proves nothing."""
+        return self.fault.reason is Reason.STEREO
 
 
-def no_detail_fault(frame: Frame) -> Fault:
-    """Which picture has nothing in it as fine as its pixels, or an empty string."""
-    for side, picture in (("left", frame.left), ("right", frame.right)):
-        if picture is not None and fine_detail(picture) < MIN_DETAIL:
-            words = (
-                f"the {side} frame is blurred or enlarged: nothing in it is as fine as its pixels"
-            )
-            return Fault(Reason.STEREO, words)
-    return NO_FAULT
+def unfit_pictures(
+    sight: SightMeter, left: U8, right: U8, small: Sequence[NDArray[np.uint16] | None]
+) -> Unfit:
+    """Of which picture too much is not seen; `small` are as `SightMeter.of` takes them."""
+    maps = sight.of(left, "left", small[0]), sight.of(right, "right", small[1])
+    for side, found in zip(("left", "right"), maps, strict=True):
+        if found.fault:
+            return Unfit(found.fault.about(side), vetoes_clear=side == "left")
+    if np.array_equal(left[::_ROW_STEP], right[::_ROW_STEP]):
+        one = "the left and right frames are one and the same picture"
+        return Unfit(Fault(Reason.STEREO, one), vetoes_clear=True)
+    return Unfit()
 
 
 def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:

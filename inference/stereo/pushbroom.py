@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import cv2
@@ -41,26 +41,27 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
+from tokt.features.extractors.patch_detail import DETAIL_GRID
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import STEPS_PER_LEVEL
-from tokt.inference.frame import Frame
-from tokt.inference.frame_checks import PATCH_GRID, frame_fault, pair_shape_fault
-from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.frame import Frame, pair_shape_fault
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.sight import SightMeter, stereo_meter
 from tokt.inference.verdict import PUSHBROOM, STATUS_MEAN_THRESHOLD, Detection
 
 from .calibration import StereoCalibration
 from .faint_matches import FaintMatches
 from .matching import Matches, even_contrast, local_mean_and_sigma
 from .odometry import Motion, Odometry, Pose, motion_between
-from .pair_health import PairFault, PairHealth, one_picture_fault
+from .pair_health import PairFault, PairHealth, Unfit, unfit_pictures
 from .rectify import Rectifier
 
 DISTANCES_M = (8.0, 6.0, 4.0, 3.0, 2.0)
 """Where obstacles are looked for along the view's axis, far to near. Beyond 8.4 m the mission's
 tower is smaller than `MIN_CELLS`; the others are a few frames of the mission's approach apart."""
 
-VIEW_WIDTH = PATCH_GRID.width or 360
+VIEW_WIDTH = DETAIL_GRID.width or 360
 """Pixels. The frame check's: one small gray picture of each frame serves both."""
 
 # Settings in pixels of such views. Chosen on the sea trial's frames with odd numbers: no hit in
@@ -138,11 +139,11 @@ class PushbroomDetector:
     calibration: StereoCalibration
     grid: Grid  # its width is the mask's
     odometry: Odometry | None = None
+    sight: SightMeter = field(default_factory=stereo_meter)
     method: ClassVar = PUSHBROOM
 
     def __post_init__(self) -> None:
         width = self.calibration.frame_size[0]
-        self._checked_grid = PATCH_GRID if width >= VIEW_WIDTH else replace(PATCH_GRID, width=None)
         self.rectifier = Rectifier(self.calibration, min(VIEW_WIDTH / width, 1))
         view_width, view_height = self.rectifier.size
         self._cells = (view_height // CELL_PX, view_width // CELL_PX)
@@ -170,22 +171,33 @@ class PushbroomDetector:
         fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
             return self._unjudged(fault)
-        left, left_fault = self._picture(frame.left, "left")
-        right, right_fault = self._picture(frame.right, "right")
-        views = self.rectifier.left_of(left), self.rectifier.right_of(right)
+        left, right = small = self._gray16(frame.left), self._gray16(frame.right)
+        views = self.rectifier.left_of(_levels(left)), self.rectifier.right_of(_levels(right))
         evened = _normalized(views[0])
         seen = self._depths(evened, _normalized(views[1]))
         hit = (seen > 0).astype(np.uint8)  # of cells; below, where the views show it
         hits = cv2.resize(hit, self.rectifier.size, interpolation=cv2.INTER_NEAREST).astype(bool)
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
-        unfit = left_fault or right_fault or one_picture_fault(frame)
+        unfit = unfit_pictures(self.sight, frame.left, frame.right, small)
+        judged = self._judge(views, seen, hits, textured, unfit)
+        return replace(judged, sight=self.sight.of(frame.left))
+
+    def _judge(
+        self, views: tuple[F32, F32], seen: F32, hits: Bools, textured: bool, unfit: Unfit
+    ) -> Detection:
+        """What a pair comes to."""
         doubt = self._doubt(*views, hits)
         if doubt is None or doubt.matches_stand:
             self._memory.add(seen)
-            if seen.any() or not (unfit or doubt):
-                return self._judged(frame, views, hits, textured)
-        if unfit or doubt is None:
-            return self._unjudged(unfit, unfit.reason is Reason.STEREO)
+            if seen.any() or not (unfit.fault or doubt):
+                return self._judged(views, hits, textured)
+            if doubt is None and not unfit.is_one_picture:
+                # What is faint, or remembered, stays an obstacle in the part that is seen.
+                found = self._judged(views, hits, textured)
+                if found.mask is not None and found.mask.any():
+                    return found
+        if unfit.fault or doubt is None:
+            return self._unjudged(unfit.fault, unfit.vetoes_clear)
         return self._unjudged(doubt.fault, doubt.vetoes_clear or textured)
 
     def look(self, left: U8, right: U8) -> F32:
@@ -197,8 +209,8 @@ class PushbroomDetector:
             Depth along the view's axis in metres, 0 where nothing was found. Cell (row, column)
             begins at pixel (`CELL_PX` * row, `CELL_PX` * column) of the rectifier's left view.
         """
-        left_view = self.rectifier.left_of(self._picture(left, "left")[0])
-        right_view = self.rectifier.right_of(self._picture(right, "right")[0])
+        left_view = self.rectifier.left_of(_levels(self._gray16(left)))
+        right_view = self.rectifier.right_of(_levels(self._gray16(right)))
         return self._depths(_normalized(left_view), _normalized(right_view))
 
     def _unjudged(self, fault: Fault, vetoes_clear: bool = False) -> Detection:
@@ -227,16 +239,10 @@ class PushbroomDetector:
         if pose is not None:
             self._since_pose = 0
 
-    def _picture(self, frame: U8, side: str) -> tuple[F32, Fault]:
-        """The frame gray and scaled, in grey levels and fractions of them; and its fault."""
+    def _gray16(self, frame: U8) -> NDArray[np.uint16]:
+        """The frame gray and scaled: averaged before rounding, as it holds few grey levels."""
         width, height = self.rectifier.size
-        # Averaged before rounding: the frames hold only a few grey levels of signal.
-        gray16 = KERNELS.resized_gray16(frame, height, width)
-        step = np.uint16(STEPS_PER_LEVEL)
-        rounded = ((gray16 + step // np.uint16(2)) // step).astype(np.uint8)
-        fault = frame_fault(frame, rounded, self._checked_grid)
-        scaled = gray16.astype(np.float32) / np.float32(STEPS_PER_LEVEL)
-        return scaled, fault.about(side) if fault else NO_FAULT
+        return KERNELS.resized_gray16(frame, height, width)
 
     def _depths(self, left: NormalizedView, right: NormalizedView) -> F32:
         """The depth in metres of each cell's obstacle, 0 where there is none; nearer ones win."""
@@ -252,15 +258,13 @@ class PushbroomDetector:
             part[shift > 0] = self.rectifier.focal_baseline_px_m / shift[shift > 0]
         return found
 
-    def _judged(
-        self, frame: Frame, views: tuple[F32, F32], hits: Bools, textured: bool
-    ) -> Detection:
+    def _judged(self, views: tuple[F32, F32], hits: Bools, textured: bool) -> Detection:
         """What a pair comes to of which something is believed."""
         judged = self._remembered(textured)
         if hits.any():
             self._faint.take(hits, self.rectifier)
             return judged
-        faint = self._faint.judge(frame, *views)
+        faint = self._faint.judge(*views)
         clear = judged.mask is not None and not judged.mask.any()
         return replace(faint, note=faint.note or judged.note) if clear else judged
 
@@ -284,6 +288,11 @@ class PushbroomDetector:
             note += "; distances as they were then: there is no odometry"
         distance = float(np.percentile(memory.depths_m, NEAR_PERCENTILE))
         return Detection(mask, PUSHBROOM, distance_m=distance, note=note)
+
+
+def _levels(gray16: NDArray[np.uint16]) -> F32:
+    """Grey levels and fractions of them."""
+    return gray16.astype(np.float32) / np.float32(STEPS_PER_LEVEL)
 
 
 def _slices(rectifier: Rectifier) -> list[Slice]:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.extractors.patch_detail import detail_grid
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.image_file import decode_image
-from tokt.inference.frame import Frame
-from tokt.inference.frame_checks import fine_detail, frame_fault, shape_fault
+from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.sight import SightMap, SightMeter
 from tokt.inference.verdict import (
     OBSTACLE,
     STATUS_MEAN_THRESHOLD,
@@ -44,9 +43,6 @@ OUT_OF_RANGE = 0.5
 """Part of the features that one frame may have out of range for a clear that is believed. Measured
 with models of half of the sea trial's blocks on the other half: at most 0.03 where the frame is
 clear; 0.62 and more of haze, glow, an offset and an inverted picture."""
-DETAIL_LEFT = 2 / 3
-"""Part of the golden frames' fine detail over 0.5, which is none, that a clear frame must have."""
-_NO_DETAIL, _SOME_DETAIL = 0.5, 0.03
 
 
 def min_mask_patches(grid: Grid, height: int, width: int) -> int:
@@ -113,17 +109,19 @@ class TextureDetector:
         Or anything that has as much of a bundle as this class asks for.
     threads : int
         That share one frame's rows of patches; the verdict does not depend on how many.
+    sight : SightMeter, optional
+        What else looks at the same frames reads its maps too; it takes this scorer's limits.
     """
 
     method = TEXTURE
 
-    def __init__(self, scorer: Bundle, threads: int = 1) -> None:
+    def __init__(self, scorer: Bundle, threads: int = 1, sight: SightMeter | None = None) -> None:
         self.scorer = scorer
         self.threads = threads
+        self._sight = SightMeter() if sight is None else sight
+        self._sight.limits = scorer.sight
         self._rule = MofNRun(scorer.operating_point.rule)
         self._water = WaterState(scorer.operating_point.water)
-        known = scorer.distribution is not None
-        self._least_detail = _least_detail(scorer.golden.frames) if known else 0.0
 
     @property
     def window_frames(self) -> int:
@@ -147,12 +145,12 @@ class TextureDetector:
         grid = self.scorer.grid
         # Resized once, for the check and for the features: it costs as much as these.
         pictures = FramePictures(frame.left, grid, threads=self.threads)
-        gray = pictures.gray(self.scorer.images)
-        fault = frame_fault(frame.left, gray, grid)
-        if not fault and self.scorer.needs_colour and not pictures.has_colour:
+        sight = self._sight_of(frame.left, pictures)
+        if sight.is_blind:
+            return replace(self._unjudged(sight.fault), sight=sight)
+        if self.scorer.needs_colour and not pictures.has_colour:
             fault = Fault(Reason.NO_COLOUR, "the model looks at colours, and the frame is gray")
-        if fault:
-            return self._unjudged(fault)
+            return replace(self._unjudged(fault), sight=sight)
         features = self.scorer.features(frame.left, pictures, self.threads)
         values = self.scorer.values_of(features)
         if not np.isfinite(values).all():
@@ -162,16 +160,24 @@ class TextureDetector:
         if self._water.prior is not None:
             boundary = self._water.judge(model.obstacle_score(values))
             values = moved(values, boundary, model.obstacle)
-        found = self._ruled(values, *gray.shape)
-        fault = self._unlike_training(frame.left, features)
+        found = self._ruled(values, *grid.resized(*frame.left.shape[:2]))
+        fault = sight.fault or self._unlike_training(features)
         fault = fault or self._never_learnt(features[~model.obstacle_patches(values)])
         if fault:
             self._rule.doubt()
-            if found.mask is None or not found.mask.any():
+            if found.mask is not None and not found.mask.any():
                 found = replace(found, mask=None, fault=fault, vetoes_clear=True)
-        return replace(found, features=features, boundary=boundary)
+            elif found.mask is not None and sight.fault:
+                found = replace(found, fault=sight.fault)
+        return replace(found, features=features, boundary=boundary, sight=sight)
 
-    def _unlike_training(self, picture: U8, features: F64) -> Fault:
+    def _sight_of(self, picture: U8, pictures: FramePictures) -> SightMap:
+        """What is seen of the left picture; the small gray one serves the features, too."""
+        wanted, grid = detail_grid(picture.shape[1]), self.scorer.grid
+        gray16 = pictures.gray16 if grid.width == wanted.width else None
+        return self._sight.of(picture, gray16=gray16)
+
+    def _unlike_training(self, features: F64) -> Fault:
         """Why the model says nothing where it sees nothing in such a frame, or an empty string."""
         distribution = self.scorer.distribution
         if distribution is None:
@@ -180,10 +186,6 @@ class TextureDetector:
         if out > OUT_OF_RANGE:
             words = f"{100 * out:.0f} % of the features are unlike the training frames'"
             return Fault(Reason.DRIFT, words)
-        detail = fine_detail(picture) if self._least_detail > 0 else 1.0
-        if detail < self._least_detail:
-            words = f"the frame is blurred, enlarged or compressed (fine detail {detail:.2f}, "
-            return Fault(Reason.DRIFT, f"{words}{self._least_detail:.2f} needed)")
         return NO_FAULT
 
     def _never_learnt(self, clear: F64) -> Fault:
@@ -237,14 +239,6 @@ class TextureDetector:
         sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
         words = f"frames are {width}x{height}, the model learnt from {sizes}"
         return Fault(Reason.WRONG_SIZE, words)
-
-
-@lru_cache(maxsize=4)  # a detector a picture is made by `judge_image`, and decoding takes 60 ms
-def _least_detail(golden_frames: tuple[bytes, ...]) -> float:
-    """The fine detail that a frame needs to be clear; 0 where training frames have none."""
-    golden = [decode_image(png, "golden frame") for png in golden_frames]
-    over = min(map(fine_detail, golden)) - _NO_DETAIL
-    return _NO_DETAIL + DETAIL_LEFT * over if over > _SOME_DETAIL else 0.0
 
 
 class ReloadableTextureDetector:

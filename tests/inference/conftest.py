@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.inference.live import bound_socket
-from tests.models.parts import golden_of
+from tests.models.parts import SEES_ALL, golden_of
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.quantization import Quantization
@@ -21,6 +22,7 @@ from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
 from tokt.models.distribution import Distribution, bin_counts, quantile_edges
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.sight import SightLimits, measure_sight
 
 PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x271 frame
 
@@ -57,6 +59,12 @@ def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
     return frame
 
 
+@lru_cache
+def sight_of_drawn() -> tuple[SightLimits, ...]:
+    """What drawn frames show, the emptiest of them too."""
+    return measure_sight(draw([], seed) for seed in range(30))
+
+
 @pytest.fixture(scope="session")
 def draw_frame():
     return draw
@@ -91,6 +99,8 @@ class NoiseScorer:
     operating_point: OperatingPoint = OperatingPoint()  # noqa: RUF009 - frozen
     distribution: Distribution | None = None
     golden: Golden | None = None
+    blindness: str = ""
+    sight: tuple[SightLimits, ...] = SEES_ALL
 
     @property
     def model(self) -> NoiseScorer:
@@ -154,6 +164,7 @@ def bundle_file(tmp_path_factory):
         golden=golden,
         trained_on=np.zeros(0, np.uint64),
         card="A model for tests.\n",
+        sight=SEES_ALL,
     )
     path = tmp_path_factory.mktemp("bundle") / "noise-7.tokt"
     path.write_bytes(bundle_bytes(content))

@@ -26,7 +26,10 @@ def flat(seed):
     """Water in a lamp's light: enough of a picture to be judged, and nothing to match."""
     rows, columns = np.indices((HEIGHT, WIDTH), np.float64)
     fall = 8 + 25 * np.exp(-((columns - 560) ** 2 + (rows - 600) ** 2) / (2 * 400**2))
-    return (fall + np.random.default_rng(seed).normal(0, 0.5, fall.shape)).round().astype(np.uint8)
+    rng = np.random.default_rng(seed)
+    fine, uneven = (rng.normal(0, sd, fall.shape) for sd in (2.0, 5.0))
+    view = fall + cv2.GaussianBlur(fine, (0, 0), 0.9) + cv2.GaussianBlur(uneven, (0, 0), 6)
+    return view.round().clip(0).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")

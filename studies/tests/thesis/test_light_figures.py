@@ -99,7 +99,7 @@ def test_bad_lighting_without_a_mask_scores_nothing(lit, tmp_path, judge):
     table = exhibit.tables[0].frame.set_index("method")
     assert table["f1"].isna().all()
     assert table.loc["tokt texture", "status"] == "unknown"
-    assert "too dark" in table.loc["tokt texture", "not judged"]
+    assert "dark: 100 of 100" in table.loc["tokt texture", "not judged"]
 
 
 def test_bad_lighting_rendered(judge, monkeypatch):

@@ -10,15 +10,7 @@ from skimage.feature import local_binary_pattern
 
 from tests.calls import refuses
 from tokt.features.common.canonical import canonical_json, json_sha256
-from tokt.features.extractors.extractor import (
-    Glcm,
-    Join,
-    Lbp,
-    build_extractor,
-    extractor_named,
-    gray_picture,
-)
-from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.extractors.extractor import Glcm, Join, Lbp, build_extractor, extractor_named
 from tokt.features.extractors.named_extractors import NAMED
 from tokt.features.extractors.textures import PLAIN_IMAGE, Context, Lines, Moments, Structure
 from tokt.features.frames.grid import Grid
@@ -306,16 +298,6 @@ def test_a_line_is_seen_and_dots_are_not():
     assert Structure().describe(line, one)[0, 2] > Structure().describe(dots, one)[0, 2] + 0.3
     turned = Lines((16,)).describe(line.T.copy(), one)[0]
     assert turned == pytest.approx([ridge, strongest, one_way], abs=0.1)
-
-
-def test_what_is_checked_is_the_plain_picture_whatever_is_prepared_of_it(colour):
-    plain, flat = gray_picture(colour, GRID), Glcm(False, FLAT)
-    for extractor, apart in ((Join([flat, Lbp(8, 2, "frame")]), 0), (flat, 1)):
-        pictures = FramePictures(colour, GRID, threads=3)
-        found = pictures.gray(extractor.images).astype(int)
-        assert np.abs(found - plain).max() <= apart
-        described = extractor.describe(colour, GRID)
-        assert np.array_equal(extractor.describe_pictures(pictures), described)
 
 
 def test_a_spec_in_a_file(tmp_path):

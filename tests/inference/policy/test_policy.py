@@ -15,6 +15,7 @@ from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import StereoSetup, assemble
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
 from tokt.inference.reason import Fault, Reason
+from tokt.inference.sight import SightMeter
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
 from tokt.inference.texture.detector import TextureDetector
@@ -122,8 +123,11 @@ def test_what_stereo_has_no_use_for_is_refused():
         ({"odometry": {}}, "odometry is for pushbroom only"),
     ):
         refuses(message, StereoSetup, CALIBRATION, **options)
-    assert isinstance(StereoSetup(CALIBRATION, "pushbroom").detector(Grid()), PushbroomDetector)
-    assert isinstance(StereoSetup(CALIBRATION, "sgbm").detector(Grid()), DisparityDetector)
+    sight = SightMeter()
+    assert isinstance(
+        StereoSetup(CALIBRATION, "pushbroom").detector(Grid(), sight), PushbroomDetector
+    )
+    assert isinstance(StereoSetup(CALIBRATION, "sgbm").detector(Grid(), sight), DisparityDetector)
 
 
 def broken_model() -> Any:

@@ -22,9 +22,9 @@ SHIFT_MM = np.array([[-1000 * BASELINE_M], [0.0], [0.0]])
 PLAIN = StereoCalibration(CAMERA, STRAIGHT, CAMERA, STRAIGHT, np.eye(3), SHIFT_MM, (WIDTH, HEIGHT))
 
 
-def even_sea() -> np.ndarray:
-    """A view with nothing in it: light that falls off, and a little noise; float64."""
-    return np.linspace(25, 45, WIDTH) + np.random.default_rng(9).uniform(-0.5, 0.5, (HEIGHT, 1))
+def even_sea(camera: int = 0, seed: int = 0, light: float = 1.0) -> np.ndarray:
+    """A view with nothing in it: light that falls off, and the camera's noise; float64."""
+    return light * np.linspace(25, 45, WIDTH) + camera_noise(seed)[camera]
 
 
 SQUARE_PX = 320
@@ -35,9 +35,11 @@ def square_texture(cells: int = 80) -> np.ndarray:
     return cv2.resize(small, (SQUARE_PX, SQUARE_PX))
 
 
-def pair_with(texture: np.ndarray, x: int, y: int, disparity_px: int) -> list[np.ndarray]:
+def pair_with(
+    texture: np.ndarray, x: int, y: int, disparity_px: int, seed: int = 0
+) -> list[np.ndarray]:
     """Both views of an even sea with one thing in it, at (x, y) in the left one."""
-    left, right = even_sea(), even_sea()
+    left, right = even_sea(0, seed), even_sea(1, seed)
     height, width = texture.shape
     left[y : y + height, x : x + width] = texture
     there = x - disparity_px
@@ -63,8 +65,8 @@ def unfit_pairs(left: np.ndarray, right: np.ndarray) -> dict[str, Frame]:
     return {
         "no right": Frame(1, 0.0, left, None, NO_FAULT, missing),
         "340x256": Frame(1, 0.0, left, right[::4, ::4]),
-        "right: the frame is too dark": Frame(1, 0.0, left, np.zeros_like(right)),
-        "left: the frame is blank": Frame(1, 0.0, np.full_like(left, 255), right),
+        "right: dark": Frame(1, 0.0, left, np.zeros_like(right)),
+        "left: saturated": Frame(1, 0.0, np.full_like(left, 255), right),
         "a.jpg": Frame(1, 0.0, None, right, cut),
         "not an 8-bit picture": Frame(1, 0.0, left, right[..., None].repeat(4, 2)),
     }
@@ -79,14 +81,26 @@ def lamp_light() -> np.ndarray:
 
 def lit_sea(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Both views of it with the cameras' noise; grey levels, float32."""
-    left, right = (np.roll(each, (7 * seed, 13 * seed), (0, 1)) for each in _sensor_noise())
+    left, right = camera_noise(seed)
     return lamp_light() + left, lamp_light() + right
 
 
-@cache
-def _sensor_noise() -> np.ndarray:
+def camera_noise(seed: int) -> list[np.ndarray]:
     """Of two cameras; moved about it is another frame's, and sooner than drawn anew."""
-    return np.random.default_rng(0).normal(0, 0.6, (2, HEIGHT, WIDTH)).astype(np.float32)
+    return [np.roll(each, (7 * seed, 13 * seed), (0, 1)) for each in _camera_noise()]
+
+
+@cache
+def _camera_noise() -> np.ndarray:
+    """Noise as demosaicing leaves it, over a little of the unevenness that water has."""
+    rng = np.random.default_rng(0)
+    noise, unevenness = (rng.normal(0, 1, (2, HEIGHT, WIDTH)).astype(np.float32) for _ in range(2))
+    layers = ((noise, 0.9, 0.6), (unevenness, 6.0, 0.25))
+    for views, sigma_px, grey in layers:
+        for view in views:
+            cv2.GaussianBlur(view, (0, 0), sigma_px, dst=view)
+            view *= grey / view.std()
+    return np.asarray(noise + unevenness)
 
 
 def sea_trial(mission: Path, camera: str, number: int) -> np.ndarray:

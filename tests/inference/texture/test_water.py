@@ -117,7 +117,7 @@ def test_a_patch_unlike_all_that_was_learnt_makes_a_clear_unknown():
     strange[: len(frame) // 4, : frame.shape[1] // 4] = (
         np.indices((len(frame) // 4, frame.shape[1] // 4)).sum(0)[(..., *[None] * (frame.ndim - 2))]
         % 2
-        * 255
+        * 240
     )
     far = [known.model.map.distance(known.features(each)).max() for each in (frame, strange)]
     assert far[0] < 1.5 < far[1]

@@ -53,7 +53,10 @@ def draw_pair(frame):
     coarse = np.random.default_rng(3).uniform(20, 120, (50, 50))
     texture = cv2.resize(coarse, (SQUARE_PX, SQUARE_PX))
     for side, moved in enumerate((0, DISPARITIES.get(frame, 0))):
-        view = fall + np.random.default_rng([frame, side]).normal(0, 0.6, fall.shape)
+        rng = np.random.default_rng([frame, side])
+        # Noise as demosaicing leaves it, over the unevenness that water has.
+        fine, uneven = (rng.normal(0, sd, fall.shape) for sd in (1.0, 1.0))
+        view = fall + cv2.GaussianBlur(fine, (0, 0), 0.9) + cv2.GaussianBlur(uneven, (0, 0), 4)
         if frame in DISPARITIES:
             rows = STRIP_PX if frame == EXCHANGED and moved else SQUARE_PX
             view[Y : Y + rows, X - moved : X - moved + SQUARE_PX] = texture[:rows]

@@ -22,6 +22,7 @@ from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_byte
 from tokt.models.distribution import Distribution, bin_counts, quantile_edges
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.sight import measure_sight
 from tokt.models.water import WaterPrior
 from tokt.training.fitting.classifier import fit_classifier, linear_model
 from tokt.training.fitting.presets import (
@@ -208,4 +209,5 @@ def _content(
         golden=Golden((png,), values[None], model.obstacle_patches(values)[None]),
         trained_on=np.zeros(0, np.uint64),
         card="Made by tokt bench to measure speed; not to be deployed.\n",
+        sight=measure_sight([golden_frame]),
     )

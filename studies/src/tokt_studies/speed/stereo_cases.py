@@ -11,8 +11,7 @@ from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.features.kernels.dispatch import LIBRARY, load_kernels
-from tokt.inference.frame import Frame
-from tokt.inference.frame_checks import pair_shape_fault
+from tokt.inference.frame import Frame, pair_shape_fault
 from tokt.inference.reason import Reason
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector

@@ -12,7 +12,7 @@ from tokt.features.common.arrays import U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT
-from tokt.inference.frame_checks import frame_fault
+from tokt.inference.sight import SightMeter
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
 from tokt.models.bundle.bundle import Bundle
 from tokt_studies.baselines.thesis_models import TITLES, thesis_classifier
@@ -133,7 +133,10 @@ def _predictions(
 ) -> list[MethodPrediction]:
     """What every method says of a picture."""
     frame, (bundle, words) = bad.left, texture
-    patches: Bools | str = words if bundle is None else str(frame_fault(frame) or "")
+    patches: Bools | str = words
+    if bundle is not None:
+        sight = SightMeter(bundle.sight).of(frame)
+        patches = str(sight.fault) if sight.is_blind else ""
     if bundle is not None and not patches:
         values = bundle.model.decision_values(bundle.extractor.describe(frame, GRID))
         patches = bundle.model.obstacle_patches(values)

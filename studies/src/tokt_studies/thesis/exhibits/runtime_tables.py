@@ -24,8 +24,8 @@ from tokt.features.frames.image_file import decode_image
 from tokt.features.frames.mission import LEFT, RIGHT
 from tokt.inference.config import DEFAULT_SCALE
 from tokt.inference.frame import Frame
-from tokt.inference.frame_checks import frame_fault
 from tokt.inference.policy.policy import Policy, SinglePolicy
+from tokt.inference.sight import SightMeter
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
@@ -244,15 +244,15 @@ def tokt_texture(
     def run(item: EncodedPair, laps: Laps) -> Verdict:
         frame = _decoded(item.left, laps)
         pictures = FramePictures(frame, GRID)
-        gray = pictures.gray(extractor.images)
+        gray16 = pictures.gray16
         laps.lap("resize")
-        frame_fault(frame, gray, GRID)
+        SightMeter().of(frame, gray16=gray16)
         laps.lap(REST)
         features = extractor.describe_pictures(pictures)
         laps.lap("features")
         white = model.obstacle_patches(model.decision_values(features))
         laps.lap("predict")
-        verdict = verdict_from_mask(GRID.paint(white, *gray.shape), "texture")
+        verdict = verdict_from_mask(GRID.paint(white, *gray16.shape), "texture")
         laps.lap(REST)
         return verdict
 

@@ -1,0 +1,203 @@
+"""Sight: of each patch of a frame, whether an obstacle in it would have been seen, or why not.
+
+Nothing is called clear that cannot be seen. The texture detector, disparity and pushbroom read the
+same map, before any of them says clear; an obstacle that was found stays one.
+
+::
+
+    . . . . . . . . . .      .  seen
+    . . . . . . . b b .      b  blurred: grease on the port
+    . . . . . . b b b b
+    . . . . . . b b b b      14 of 100 patches, all of them together, at the right:
+    . . . . . . . b b b      the frame is not clear
+    . . . . . . . . . .
+
+What a patch shows is compared with what the emptiest water of the training frames did
+(`tokt.models.sight`): a patch of water has the noise of its camera, and specks and gradients that
+make it differ more from pixel to pixel the farther off these are. What cannot be told by one frame:
+water too turbid to see through whose noise and light are as before, and a veil over a part of the
+view that has all of the camera's noise in front of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tokt.features.common.arrays import U8, Bools
+from tokt.features.extractors.patch_detail import MEASURES, PatchDetail, patch_detail
+from tokt.models.sight import (
+    ANY_CAMERA,
+    BRIGHT_PART,
+    UNMEASURED,
+    SightLimits,
+    hides_too_much,
+    largest_group,
+    limits_for,
+)
+
+from .reason import NO_FAULT, Fault, Reason
+
+DARK, SATURATED, FLAT, SMEARED, BLURRED, DAMAGED = (
+    *("dark", "saturated", "flat", "smeared"),
+    *("blurred", "damaged"),
+)
+CAUSES = ("", DARK, SATURATED, FLAT, SMEARED, BLURRED, DAMAGED)
+"""Why a patch is not seen; nothing where it is. In a map a cause is its place here."""
+_REASONS = {
+    DARK: Reason.DARK,
+    SATURATED: Reason.SATURATED,
+    FLAT: Reason.BLANK,
+    SMEARED: Reason.DAMAGED,
+    BLURRED: Reason.BLURRED,
+    DAMAGED: Reason.DAMAGED,
+}
+
+FLAT_GREY = 0.02
+"""Grey levels: a patch whose pixels differ by less from all those around is of one level. Measured:
+0.24 and more on the sea trial, with its noise of less than one level."""
+
+_NO_PICTURE = [CAUSES.index(cause) for cause in (DARK, SATURATED, FLAT)]
+_NOISE = [MEASURES.index(name) for name in ("noise_across", "noise_down")]
+_COARSE = MEASURES.index("coarse")
+
+
+class BlindGroup(NamedTuple):
+    """The largest connected group of patches that are not seen."""
+
+    patches: int
+    cause: str
+    box: tuple[int, int, int, int]  # first column, first row, columns, rows
+
+
+@dataclass(frozen=True)
+class SightMap:
+    """What is seen of one frame."""
+
+    causes: NDArray[np.uint8]  # (rows, cols): 0 where a patch is seen, or a place in `CAUSES`
+
+    @property
+    def seen(self) -> Bools:
+        """Which patches are seen, (rows, cols)."""
+        return np.asarray(self.causes == 0)
+
+    @property
+    def share(self) -> float:
+        """Part of the patches that are seen, 0 to 1."""
+        return float(self.seen.mean())
+
+    @cached_property
+    def blind(self) -> BlindGroup | None:
+        """The largest group that is not seen, and the cause that most of it has; None of none."""
+        if not self.causes.any():
+            return None
+        largest = largest_group(self.causes != 0)
+        causes = np.bincount(self.causes[largest.patches])
+        return BlindGroup(largest.size, CAUSES[int(causes.argmax())], largest.box)
+
+    @cached_property
+    def fault(self) -> Fault:
+        """Why the frame is not clear, or an empty string: too much of it is not seen."""
+        blind = self.blind
+        if blind is None:
+            return NO_FAULT
+        unseen, (rows, cols) = self.causes != 0, self.causes.shape
+        if not hides_too_much(unseen):
+            return NO_FAULT
+        count = int(unseen.sum())
+        words = f"{count} of {rows * cols} patches are not seen, {blind.patches} of them together"
+        words = f"{blind.cause}: {words}, {_place(blind, rows, cols)}"
+        return Fault(_REASONS[blind.cause], words)
+
+    def to_fields(self) -> dict[str, tuple[float, ...]]:
+        """The ``sight`` of a verdict."""
+        seen: dict[str, tuple[float, ...]] = {"seen": (round(self.share, 3),)}
+        if self.blind is None:
+            return seen
+        rows, cols = self.causes.shape
+        parts = zip(self.blind.box, (cols, rows, cols, rows), strict=True)
+        return {**seen, "blind": tuple(round(part / of, 3) for part, of in parts)}
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether no patch has any picture, so that what a detector finds there is nothing."""
+        return bool(np.isin(self.causes, _NO_PICTURE).all())
+
+
+def _place(blind: BlindGroup, rows: int, cols: int) -> str:
+    """Where a group is, for people."""
+    left, top, width, height = blind.box
+    across = 2 * left + width - cols
+    down = 2 * top + height - rows
+    if width > 0.8 * cols and height > 0.8 * rows:
+        return "all over"
+    if abs(across) >= abs(down):
+        return "at the left" if across < 0 else "at the right" if across > 0 else "in the middle"
+    return "above" if down < 0 else "below"
+
+
+_WHOLE = SightMap(np.zeros((10, 10), np.uint8))
+"""Of a frame that is too small for patches: nothing speaks against it."""
+
+
+class SightMeter:
+    """Say what is seen of the frames of one run.
+
+    Parameters
+    ----------
+    limits : sequence of SightLimits
+        Of a model, by frame size; empty where it has none.
+    """
+
+    def __init__(self, limits: Sequence[SightLimits] = (), otherwise: SightLimits = UNMEASURED):
+        self.limits = limits
+        self._otherwise = otherwise
+        self._last: dict[str, tuple[U8, SightMap]] = {}
+
+    def of(
+        self, picture: U8, side: str = "left", gray16: NDArray[np.uint16] | None = None
+    ) -> SightMap:
+        """The map of a picture, which is not measured again for the next detector.
+
+        Parameters
+        ----------
+        picture : array of uint8, shape (height, width) or (height, width, 3)
+        side : {"left", "right"}
+        gray16 : array of uint16, optional
+            As `patch_detail` takes it.
+        """
+        last = self._last.get(side)
+        if last is not None and last[0] is picture:
+            return last[1]
+        detail = patch_detail(picture, gray16)
+        limits = limits_for(self.limits, picture.shape[1]) or self._otherwise
+        found = _WHOLE if detail is None else _map(detail, limits)
+        self._last[side] = picture, found
+        return found
+
+
+def stereo_meter() -> SightMeter:
+    """A meter for pairs without a model."""
+    return SightMeter(otherwise=ANY_CAMERA)
+
+
+def _map(detail: PatchDetail, limits: SightLimits) -> SightMap:
+    """Why each patch is not seen; of several causes the one that stands last here."""
+    over = detail.measures > limits.limits
+    causes = np.zeros(detail.level.shape, np.uint8)
+    if over.any():
+        blurred = over[..., _NOISE]
+        causes[over.any(axis=-1)] = CAUSES.index(DAMAGED)
+        causes[over[..., _COARSE]] = CAUSES.index(FLAT)
+        causes[blurred.any(axis=-1)] = CAUSES.index(SMEARED)
+        causes[blurred.all(axis=-1)] = CAUSES.index(BLURRED)
+    causes[detail.repeated > limits.repeated + 1e-3] = CAUSES.index(SMEARED)
+    causes[detail.difference < FLAT_GREY] = CAUSES.index(FLAT)
+    causes[detail.bright >= BRIGHT_PART] = CAUSES.index(SATURATED)
+    causes[detail.level < limits.darkest] = CAUSES.index(DARK)
+    return SightMap(causes)

@@ -1,0 +1,259 @@
+"""What is seen of a frame: faults of every kind on drawn water of a camera, and untouched water."""
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.calls import refuses
+from tests.tiers import scaled
+from tokt.features.extractors.patch_detail import MEASURES, patch_detail
+from tokt.inference.frame import shape_fault
+from tokt.inference.reason import Reason
+from tokt.inference.sight import SightMap, SightMeter, stereo_meter
+from tokt.models.sight import SightLimits, measure_sight, sight_from_json, sight_to_json
+
+HEIGHT, WIDTH = 480, 640
+SIGMA_PX = WIDTH / 68
+
+
+@cache
+def layers(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Noise as demosaicing leaves it, and what water shows: unevenness and specks."""
+    rng = np.random.default_rng(seed)
+    noise, uneven = (rng.normal(0, 1, (HEIGHT, WIDTH, 3)) for _ in range(2))
+    specks = rng.random((HEIGHT, WIDTH, 1)) < 0.002
+    seen = cv2.GaussianBlur(uneven, (0, 0), 5) * 6 + cv2.GaussianBlur(
+        specks * np.full(3, 40.0), (0, 0), 1.5
+    )
+    return cv2.GaussianBlur(noise, (0, 0), 0.8) * 1.5, seen
+
+
+def fall_of_light() -> np.ndarray:
+    y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
+    return (60 - 15 * (x**2 + y**2))[..., None]
+
+
+def rounded(picture: np.ndarray) -> np.ndarray:
+    return np.asarray(picture.round().clip(0, 255), np.uint8)
+
+
+def water(seed: int = 0) -> np.ndarray:
+    """Open water as a camera gives it."""
+    noise, seen = layers(seed)
+    return rounded(fall_of_light() + seen + noise)
+
+
+@cache
+def limits() -> tuple[SightLimits, ...]:
+    return measure_sight(water(seed) for seed in range(20))
+
+
+def look(picture: np.ndarray) -> SightMap:
+    return SightMeter(limits()).of(picture)
+
+
+def white(seed: int, sigma: float) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0, sigma, (HEIGHT, WIDTH, 3))
+
+
+def part(change):
+    """The same in the left two thirds alone."""
+
+    def changed(picture: np.ndarray) -> np.ndarray:
+        picture = picture.copy()
+        picture[:, : 2 * WIDTH // 3] = change(picture)[:, : 2 * WIDTH // 3]
+        return picture
+
+    return changed
+
+
+def blurred(picture: np.ndarray) -> np.ndarray:
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), SIGMA_PX))
+
+
+def stretched(picture: np.ndarray, axis: int = 0) -> np.ndarray:
+    picture = np.swapaxes(picture, 0, axis).copy()
+    picture[len(picture) // 3 :] = picture[len(picture) // 3]
+    return np.ascontiguousarray(np.swapaxes(picture, 0, axis))
+
+
+def combed(picture: np.ndarray) -> np.ndarray:
+    picture = picture.copy()
+    picture[1::2] = np.roll(picture, 40, axis=1)[1::2]
+    return picture
+
+
+NOISE = {Reason.BLANK, Reason.DAMAGED}
+FAULTS = {
+    "grease on the port": (part(blurred), Reason.BLURRED),
+    "out of focus": (blurred, Reason.BLURRED),
+    "fog, with the camera's own light kept": (
+        lambda picture: rounded(fall_of_light() + white(3, 1.5)),
+        Reason.BLANK,
+    ),
+    "fog that noise lies on": (
+        part(lambda picture: rounded(blurred(picture) + white(4, 1.2))),
+        NOISE,
+    ),
+    "a row that goes on to the end": (stretched, Reason.DAMAGED),
+    "the same under noise": (lambda picture: rounded(stretched(picture) + white(5, 1.2)), NOISE),
+    "a column that goes on to the end": (
+        lambda picture: stretched(picture, axis=1),
+        Reason.DAMAGED,
+    ),
+    "moved while exposed": (
+        lambda picture: rounded(cv2.blur(picture, (31, 1)) + white(6, 1.2)),
+        NOISE,
+    ),
+    "moved while exposed, without noise": (
+        lambda picture: cv2.blur(picture, (31, 31)),
+        Reason.BLURRED,
+    ),
+    "rows of two moments": (combed, Reason.DAMAGED),
+    "half the contrast under noise": (
+        lambda picture: rounded((picture - 50.0) * 0.5 + 50 + white(7, 1.2)),
+        NOISE,
+    ),
+    "enlarged": (
+        lambda picture: cv2.resize(picture, None, fx=2, fy=2)[:HEIGHT, :WIDTH],
+        Reason.BLURRED,
+    ),
+    "black": (np.zeros_like, Reason.DARK),
+    "the lamps are out": (lambda picture: rounded(1 + white(8, 1)), Reason.DARK),
+    "white": (lambda picture: np.full_like(picture, 255), Reason.SATURATED),
+    "noise hides that it is white": (lambda picture: rounded(262 + white(9, 15)), Reason.SATURATED),
+    "one grey": (lambda picture: np.full_like(picture, 90), Reason.BLANK),
+    "a part of one grey": (part(lambda picture: np.full_like(picture, 90)), Reason.BLANK),
+    "snow instead of a picture": (lambda picture: rounded(128 + white(10, 40)), Reason.BLANK),
+    "haze": (lambda picture: rounded(picture * 0.3 + 60), Reason.BLURRED),
+}
+
+
+@pytest.mark.parametrize("seed", range(20, 40))
+def test_untouched_water_is_seen(seed):
+    found = look(water(seed))
+    assert found.share >= 0.98 and found.fault == ""
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_hides_a_view_is_told_with_its_cause_and_its_place(fault):
+    change, reason = FAULTS[fault]
+    found = look(change(water(50)))
+    reasons = reason if isinstance(reason, set) else {reason}
+    assert found.fault.reason in reasons, found.fault
+    assert found.share < 0.6
+    at_the_left = (
+        change(water(50))[:, -WIDTH // 4 :].tolist() == water(50)[:, -WIDTH // 4 :].tolist()
+    )
+    assert ("at the left" in found.fault) == at_the_left
+
+
+@pytest.mark.parametrize("fault", ["one grey", "black", "white", "snow instead of a picture"])
+def test_where_there_is_no_picture_nothing_is_found_either(fault):
+    assert look(FAULTS[fault][0](water(50))).is_blind
+    assert not look(FAULTS["out of focus"][0](water(50))).is_blind
+
+
+def test_things_with_texture_are_seen():
+    picture = water(60)
+    rng = np.random.default_rng(1)
+    for top in range(0, HEIGHT, 120):
+        thing = cv2.resize(rng.uniform(20, 200, (20, 30, 3)), (150, 110))
+        picture[top : top + 110, 200:350] = rounded(thing + layers(61)[0][:110, :150])
+    assert look(picture).fault == ""
+
+
+def test_few_and_scattered_patches_are_allowed_to_be_unseen():
+    def fault(*cells: tuple[int, int]) -> str:
+        causes = np.zeros((10, 10), np.uint8)
+        for cell in cells:
+            causes[cell] = 5
+        return SightMap(causes).fault
+
+    scattered = [(row, 9 - row) for row in range(10)]
+    assert fault() == fault((0, 0)) == fault(*scattered[:3], *scattered[7:]) == ""
+    together = [(0, column) for column in range(6)]
+    assert fault(*together[:5]) == ""
+    assert "blurred: 6 of 100 patches are not seen, 6 of them together, above" in fault(*together)
+    assert "11 of 100" in fault(
+        *scattered[:3], *scattered[7:], (0, 0), (2, 2), (7, 7), (9, 9), (0, 5)
+    )
+    middle = [(4, 4), (5, 5), (4, 6), (6, 4)]
+    assert fault(*middle[:3]) == "" and fault(*middle)
+
+
+def test_a_verdict_has_the_share_and_the_largest_group():
+    causes = np.zeros((10, 10), np.uint8)
+    causes[2:4, 5:9] = causes[9, 0] = 3
+    assert SightMap(causes).to_fields() == {"seen": (0.91,), "blind": (0.5, 0.2, 0.4, 0.2)}
+    assert SightMap(np.zeros((10, 10), np.uint8)).to_fields() == {"seen": (1.0,)}
+
+
+def test_a_picture_is_looked_at_once_for_all_detectors():
+    meter, picture = SightMeter(limits()), water(70)
+    assert meter.of(picture) is meter.of(picture)
+    assert meter.of(picture) is not meter.of(picture, "right")
+    assert meter.of(picture.copy()) is not meter.of(picture)
+
+
+@given(
+    st.tuples(st.integers(1, 300), st.integers(1, 300)),
+    st.sampled_from([(), (3,)]),
+    st.integers(0, 255),
+)
+@settings(max_examples=scaled(60))
+def test_any_picture_has_a_map(size, channels, level):
+    picture = np.full((*size, *channels), level, np.uint8)
+    for meter in (SightMeter(), SightMeter(limits()), stereo_meter()):
+        found = meter.of(picture)
+        assert found.causes.shape == (10, 10)
+        assert found.fault == "" or found.fault.reason in (
+            *(Reason.DARK, Reason.SATURATED, Reason.BLANK),
+        )
+
+
+@pytest.mark.parametrize("shape", [(1, 4000), (3, 4000, 3), (400_000, 400)])
+def test_a_picture_of_no_camera_s_shape_is_not_measured(shape):
+    assert patch_detail(np.zeros(shape, np.uint8)) is None
+    assert not SightMeter().of(np.zeros(shape, np.uint8)).causes.any()
+
+
+def test_what_is_no_picture_of_8_bits_cannot_be_judged():
+    for shape, kind in (((200, 300), "u2"), ((0, 300), "u1"), ((200, 300, 4), "u1")):
+        assert "8-bit" in shape_fault(np.zeros(shape, kind))
+
+
+def test_training_frames_without_fine_detail_make_a_model_blind():
+    """What compression of a video leaves."""
+    smooth = [cv2.GaussianBlur(water(seed), (0, 0), 6) for seed in range(80, 86)]
+    (compressed,), (sharp,) = measure_sight(smooth), limits()
+    assert compressed.blind and not sharp.blind and sharp.blurred > 0.99
+
+
+def test_each_size_of_the_training_frames_has_its_limits():
+    small = [cv2.resize(water(seed), (320, 240)) for seed in range(3)]
+    found = measure_sight([*small, water(0), np.zeros((8, 8), np.uint8)])
+    assert [(each.width, each.height) for each in found] == [(320, 240), (640, 480)]
+    assert sight_from_json(sight_to_json(found)) == found
+
+
+def test_numbers_of_sight_that_are_none_are_refused():
+    good = sight_to_json(limits())
+    (size,) = good["sizes"]
+    for odd, words in (
+        ({"format": 2, "sizes": []}, "format 2"),
+        ({"format": 1}, "other entries"),
+        ({"format": 1, "sizes": [{}]}, "other entries"),
+        ({"format": 1, "sizes": [{**size, "limits": {}}]}, "other entries"),
+        ({"format": 1, "sizes": [{**size, "darkest": 300}]}, "level"),
+        ({"format": 1, "sizes": [{**size, "darkest": "4"}]}, "numbers"),
+        ({"format": 1, "sizes": [{**size, "width": 0}]}, "size"),
+        ({"format": 1, "sizes": [{**size, "blurred": float("nan")}]}, "numbers"),
+        ([], "other entries"),
+    ):
+        refuses(words, sight_from_json, odd)
+    assert set(size["limits"]) == set(MEASURES)
