@@ -41,6 +41,7 @@ from tokt.models.sight import (
     limits_for,
 )
 
+from .frame import Frame
 from .reason import NO_FAULT, Fault, Reason
 
 DARK, SATURATED, FLAT, SMEARED, BLURRED, DAMAGED = (
@@ -48,7 +49,7 @@ DARK, SATURATED, FLAT, SMEARED, BLURRED, DAMAGED = (
     *("blurred", "damaged"),
 )
 CAUSES = ("", DARK, SATURATED, FLAT, SMEARED, BLURRED, DAMAGED)
-"""Why a patch is not seen; nothing where it is. In a map a cause is its place here."""
+"""The causes for which a patch is not seen; a map has their places here, 0 where it is seen."""
 _REASONS = {
     DARK: Reason.DARK,
     SATURATED: Reason.SATURATED,
@@ -77,13 +78,13 @@ class BlindGroup(NamedTuple):
 
 @dataclass(frozen=True)
 class SightMap:
-    """What is seen of one frame."""
+    """A map of the patches of one picture, and why each is seen or not."""
 
     causes: NDArray[np.uint8]  # (rows, cols): 0 where a patch is seen, or a place in `CAUSES`
 
     @property
     def seen(self) -> Bools:
-        """Which patches are seen, (rows, cols)."""
+        """The patches that are seen, (rows, cols)."""
         return np.asarray(self.causes == 0)
 
     @property
@@ -102,7 +103,7 @@ class SightMap:
 
     @cached_property
     def fault(self) -> Fault:
-        """Why the frame is not clear, or an empty string: too much of it is not seen."""
+        """The reason why the frame is not clear, or an empty string where enough is seen."""
         blind = self.blind
         if blind is None:
             return NO_FAULT
@@ -125,12 +126,12 @@ class SightMap:
 
     @property
     def is_blind(self) -> bool:
-        """Whether no patch has any picture, so that what a detector finds there is nothing."""
+        """True where no patch has any picture, so that what a detector finds is nothing."""
         return bool(np.isin(self.causes, _NO_PICTURE).all())
 
 
 def _place(blind: BlindGroup, rows: int, cols: int) -> str:
-    """Where a group is, for people."""
+    """Say where a group is."""
     left, top, width, height = blind.box
     across = 2 * left + width - cols
     down = 2 * top + height - rows
@@ -142,7 +143,7 @@ def _place(blind: BlindGroup, rows: int, cols: int) -> str:
 
 
 _WHOLE = SightMap(np.zeros((10, 10), np.uint8))
-"""Of a frame that is too small for patches: nothing speaks against it."""
+"""The map of a frame that is too small for patches: nothing speaks against it."""
 
 
 class SightMeter:
@@ -157,28 +158,35 @@ class SightMeter:
     def __init__(self, limits: Sequence[SightLimits] = (), otherwise: SightLimits = UNMEASURED):
         self.limits = limits
         self._otherwise = otherwise
-        self._last: dict[str, tuple[U8, SightMap]] = {}
+        self._last: dict[str, tuple[tuple[int, float], U8, SightMap]] = {}
 
     def of(
-        self, picture: U8, side: str = "left", gray16: NDArray[np.uint16] | None = None
+        self, frame: Frame, side: str = "left", gray16: NDArray[np.uint16] | None = None
     ) -> SightMap:
-        """The map of a picture, which is not measured again for the next detector.
+        """Map what is seen of a frame's picture, once for all detectors.
 
         Parameters
         ----------
-        picture : array of uint8, shape (height, width) or (height, width, 3)
+        frame : Frame
+            Which has a picture on that side.
         side : {"left", "right"}
         gray16 : array of uint16, optional
             As `patch_detail` takes it.
         """
+        picture, key = getattr(frame, side), (frame.number, frame.t)
         last = self._last.get(side)
-        if last is not None and last[0] is picture:
-            return last[1]
+        # By its number as well: a source may give the next picture in the same memory.
+        if last is not None and last[0] == key and last[1] is picture:
+            return last[2]
+        found = self.measure(picture, gray16)
+        self._last[side] = key, picture, found
+        return found
+
+    def measure(self, picture: U8, gray16: NDArray[np.uint16] | None = None) -> SightMap:
+        """Map what is seen of a picture, uint8 (height, width) or (height, width, 3)."""
         detail = patch_detail(picture, gray16)
         limits = limits_for(self.limits, picture.shape[1]) or self._otherwise
-        found = _WHOLE if detail is None else _map(detail, limits)
-        self._last[side] = picture, found
-        return found
+        return _WHOLE if detail is None else _map(detail, limits)
 
 
 def stereo_meter() -> SightMeter:
@@ -187,7 +195,7 @@ def stereo_meter() -> SightMeter:
 
 
 def _map(detail: PatchDetail, limits: SightLimits) -> SightMap:
-    """Why each patch is not seen; of several causes the one that stands last here."""
+    """Name each patch's cause; of several the one that stands last here."""
     over = detail.measures > limits.limits
     causes = np.zeros(detail.level.shape, np.uint8)
     if over.any():

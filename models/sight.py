@@ -34,9 +34,9 @@ where that is lower. Measured: 8.2 and more, in the corner that the lamps reach 
 MAX_UNSEEN = 0.1
 MAX_TOGETHER = 0.05
 MAX_MIDDLE = 3 / 16
-"""Of all patches, of all in one connected group, and of the middle 4x4: so large a part may be
-unseen in a frame that is clear. The frames that `_SLACK` was chosen on have at most 0.04, 0.03 and
-0 with limits of other stretches of their dive."""
+"""Parts that may be unseen in a frame that is clear: of all patches, of all that are in one
+connected group, and of the middle 4x4. The frames that `_SLACK` was chosen on have at most 0.04,
+0.03 and 0 with limits of other stretches of their dive."""
 
 _BLURRED_BY = (1 / 68, 1 / 227)
 """Of the width: standard deviations of blurs that limits are tried on, 20 and 6 pixels of 1360."""
@@ -73,7 +73,7 @@ class SightLimits:
 
     @property
     def blind(self) -> bool:
-        """Whether a blurred picture would pass: training frames show as little fine detail."""
+        """True where a blurred picture would pass, as training frames show no more fine detail."""
         return self.blurred < _TOLD
 
     @classmethod
@@ -162,7 +162,7 @@ def largest_group(patches: Bools) -> PatchGroup:
 
 
 def hides_too_much(unseen: Bools) -> bool:
-    """Whether a frame is not clear with these patches unseen, shape (rows, cols)."""
+    """Tell whether a frame is not clear with these patches unseen, shape (rows, cols)."""
     if not unseen.any():
         return False
     rows, cols = unseen.shape
@@ -172,7 +172,7 @@ def hides_too_much(unseen: Bools) -> bool:
 
 
 def sight_words(limits: Sequence[SightLimits]) -> str:
-    """What is known of a model's sight, for people."""
+    """Say what is known of a model's sight."""
     if not limits:
         return "Sight was not measured: a picture that shows nothing may look like open water."
     told = [

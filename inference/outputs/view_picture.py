@@ -14,6 +14,7 @@ from tokt.features.frames.grid import Grid
 from tokt.inference.policy.object_model import Box
 from tokt.inference.report import Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
+from tokt.models.sight import MAX_TOGETHER
 
 WIDTH, BANNER, PANEL, STRIP = 720, 50, 54, 18
 """In pixels: of the picture, and the heights of what stands above and below the frame."""
@@ -95,7 +96,8 @@ class ViewState:
             word, why = ENDED, self.ended
         elif verdict.status == UNKNOWN:
             # Its reason says more than that it is old, and the age counts up beside it.
-            why = f"{verdict.reason.value}: {verdict.health}"
+            reason = f"{verdict.reason.value}: "
+            why = reason + verdict.health.removeprefix(reason)
         elif age_s > self.stale_s:
             seen = "an obstacle was seen; " if verdict.status == OBSTACLE else ""
             word, why = OLD, f"{seen}nothing newer for {age_s:.1f} s"
@@ -110,8 +112,11 @@ class ViewState:
         frame = np.zeros((540, WIDTH, 3), np.uint8) if self.picture is None else self.picture.copy()
         if shown.word in _COLOURS and self.moment is not None and self.moment.picture is not None:
             _draw_verdict(frame, self.moment)
+            _draw_blind(frame, self.moment.report.verdict)
         else:
             cv2.convertScaleAbs(frame, frame, 0.35)
+            if self.moment is not None and not self.ended:
+                _draw_blind(frame, self.moment.report.verdict)
             _draw_band(frame, shown)
         whole = np.vstack((_banner(shown), frame, _panel(shown), self._strip(now)))
         return np.asarray(whole[: len(whole) // 2 * 2])
@@ -191,6 +196,18 @@ def _draw_verdict(frame: U8, moment: ViewMoment) -> None:
         start, end = middle.astype(int).tolist(), tip.astype(int).tolist()
         for colour, thick in ((_BLACK, 9), (_WHITE, 4)):
             cv2.arrowedLine(frame, start, end, colour, thick, cv2.LINE_AA, tipLength=0.35)
+
+
+def _draw_blind(frame: U8, verdict: Verdict) -> None:
+    """Draw a box around the largest part in which nothing would be seen, unless it is small."""
+    x, y, wide, high = (verdict.sight or {}).get("blind", (0.0,) * 4)
+    if wide * high <= MAX_TOGETHER:
+        return
+    parts, sides = (x, y, wide, high), (WIDTH, frame.shape[0]) * 2
+    box = [round(part * side) for part, side in zip(parts, sides, strict=True)]
+    for colour, thick in ((_BLACK, 6), (_WHITE, 2)):
+        cv2.rectangle(frame, box, colour, thick)
+    _write(frame, "NOT SEEN", (box[0] + 8, box[1] + 24), 0.7, _WHITE)
 
 
 def _draw_band(frame: U8, shown: Shown) -> None:

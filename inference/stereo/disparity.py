@@ -98,7 +98,7 @@ class DisparityDetector:
             return Observation(Detection(None, DISPARITY, fault=fault), None)
         scaled = [self.rectifier.scaled(picture) for picture in (frame.left, frame.right)]
         small = _gray16(frame.left, scaled[0]), _gray16(frame.right, scaled[1])
-        unfit = unfit_pictures(self.sight, frame.left, frame.right, small)
+        unfit = unfit_pictures(self.sight, frame, small)
         views = (
             self.rectifier.left_of(scaled[0]),
             self.rectifier.right_of(scaled[1], self.row_shift_px),
@@ -109,7 +109,7 @@ class DisparityDetector:
         if doubt is not None and not unfit.fault:
             doubt = self._health.explained(doubt, frame.left, frame.right, self.match)
         judged = self._judged(views, found, unfit, doubt)
-        judged = replace(judged, sight=self.sight.of(frame.left))
+        judged = replace(judged, sight=self.sight.of(frame))
         if frame.timed:
             closing_m_s, contact_s = self._closing.add(frame.t, judged.distance_m)
             judged = replace(judged, closing_m_s=closing_m_s, contact_s=contact_s)

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, U8
 from tokt.inference.config import Limits
+from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.sight import SightMeter
 
@@ -148,7 +149,7 @@ def pair_fault(
 
 @dataclass(frozen=True)
 class Unfit:
-    """Why a picture of a pair proves nothing where nothing is matched; empty where both are fit."""
+    """The reason why a picture proves nothing where nothing is matched; empty where both do."""
 
     fault: Fault = NO_FAULT
     # Of the left one, which other detectors look at, too; and where both cameras give one picture,
@@ -157,18 +158,20 @@ class Unfit:
 
     @property
     def is_one_picture(self) -> bool:
-        """Whether both cameras give one and the same picture, so that a match proves nothing."""
+        """True where both cameras give one and the same picture, so that a match proves nothing."""
         return self.fault.reason is Reason.STEREO
 
 
 def unfit_pictures(
-    sight: SightMeter, left: U8, right: U8, small: Sequence[NDArray[np.uint16] | None]
+    sight: SightMeter, frame: Frame, small: Sequence[NDArray[np.uint16] | None]
 ) -> Unfit:
-    """Of which picture too much is not seen; `small` are as `SightMeter.of` takes them."""
-    maps = sight.of(left, "left", small[0]), sight.of(right, "right", small[1])
-    for side, found in zip(("left", "right"), maps, strict=True):
-        if found.fault:
-            return Unfit(found.fault.about(side), vetoes_clear=side == "left")
+    """Find the picture of which too much is not seen; `small` are as `SightMeter.of` takes them."""
+    left, right = frame.left, frame.right
+    if left is None or right is None:
+        return Unfit()
+    for side, gray16 in zip(("left", "right"), small, strict=True):
+        if fault := sight.of(frame, side, gray16).fault:
+            return Unfit(fault.about(side), vetoes_clear=side == "left")
     if np.array_equal(left[::_ROW_STEP], right[::_ROW_STEP]):
         one = "the left and right frames are one and the same picture"
         return Unfit(Fault(Reason.STEREO, one), vetoes_clear=True)

@@ -178,9 +178,9 @@ class PushbroomDetector:
         hit = (seen > 0).astype(np.uint8)  # of cells; below, where the views show it
         hits = cv2.resize(hit, self.rectifier.size, interpolation=cv2.INTER_NEAREST).astype(bool)
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
-        unfit = unfit_pictures(self.sight, frame.left, frame.right, small)
+        unfit = unfit_pictures(self.sight, frame, small)
         judged = self._judge(views, seen, hits, textured, unfit)
-        return replace(judged, sight=self.sight.of(frame.left))
+        return replace(judged, sight=self.sight.of(frame))
 
     def _judge(
         self, views: tuple[F32, F32], seen: F32, hits: Bools, textured: bool, unfit: Unfit

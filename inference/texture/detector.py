@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, U8, Bools
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.extractors.patch_detail import detail_grid
 from tokt.features.frames.grid import Grid
@@ -145,7 +145,7 @@ class TextureDetector:
         grid = self.scorer.grid
         # Resized once, for the check and for the features: it costs as much as these.
         pictures = FramePictures(frame.left, grid, threads=self.threads)
-        sight = self._sight_of(frame.left, pictures)
+        sight = self._sight_of(frame, frame.left.shape[1], pictures)
         if sight.is_blind:
             return replace(self._unjudged(sight.fault), sight=sight)
         if self.scorer.needs_colour and not pictures.has_colour:
@@ -171,11 +171,10 @@ class TextureDetector:
                 found = replace(found, fault=sight.fault)
         return replace(found, features=features, boundary=boundary, sight=sight)
 
-    def _sight_of(self, picture: U8, pictures: FramePictures) -> SightMap:
-        """What is seen of the left picture; the small gray one serves the features, too."""
-        wanted, grid = detail_grid(picture.shape[1]), self.scorer.grid
-        gray16 = pictures.gray16 if grid.width == wanted.width else None
-        return self._sight.of(picture, gray16=gray16)
+    def _sight_of(self, frame: Frame, width: int, pictures: FramePictures) -> SightMap:
+        """Map what is seen of the left picture; the small gray one serves the features, too."""
+        as_wide = self.scorer.grid.width == detail_grid(width).width
+        return self._sight.of(frame, gray16=pictures.gray16 if as_wide else None)
 
     def _unlike_training(self, features: F64) -> Fault:
         """Why the model says nothing where it sees nothing in such a frame, or an empty string."""

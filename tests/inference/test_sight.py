@@ -1,5 +1,6 @@
 """What is seen of a frame: faults of every kind on drawn water of a camera, and untouched water."""
 
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.extractors.patch_detail import MEASURES, patch_detail
-from tokt.inference.frame import shape_fault
+from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.reason import Reason
 from tokt.inference.sight import SightMap, SightMeter, stereo_meter
 from tokt.models.sight import SightLimits, measure_sight, sight_from_json, sight_to_json
@@ -53,7 +54,7 @@ def limits() -> tuple[SightLimits, ...]:
 
 
 def look(picture: np.ndarray) -> SightMap:
-    return SightMeter(limits()).of(picture)
+    return SightMeter(limits()).measure(picture)
 
 
 def white(seed: int, sigma: float) -> np.ndarray:
@@ -195,9 +196,17 @@ def test_a_verdict_has_the_share_and_the_largest_group():
 
 def test_a_picture_is_looked_at_once_for_all_detectors():
     meter, picture = SightMeter(limits()), water(70)
-    assert meter.of(picture) is meter.of(picture)
-    assert meter.of(picture) is not meter.of(picture, "right")
-    assert meter.of(picture.copy()) is not meter.of(picture)
+    frame = Frame(1, 0.0, picture, picture)
+    assert meter.of(frame) is meter.of(replace(frame, missed=3))
+    assert meter.of(frame) is not meter.of(frame, "right")
+    assert meter.of(replace(frame, left=picture.copy())) is not meter.of(frame)
+
+
+def test_the_next_picture_may_come_in_the_same_memory():
+    meter, picture = SightMeter(limits()), water(71)
+    assert meter.of(Frame(1, 0.0, picture, None)).fault == ""
+    picture[:] = blurred(picture)
+    assert meter.of(Frame(2, 0.1, picture, None)).fault.reason is Reason.BLURRED
 
 
 @given(
@@ -209,7 +218,7 @@ def test_a_picture_is_looked_at_once_for_all_detectors():
 def test_any_picture_has_a_map(size, channels, level):
     picture = np.full((*size, *channels), level, np.uint8)
     for meter in (SightMeter(), SightMeter(limits()), stereo_meter()):
-        found = meter.of(picture)
+        found = meter.measure(picture)
         assert found.causes.shape == (10, 10)
         assert found.fault == "" or found.fault.reason in (
             *(Reason.DARK, Reason.SATURATED, Reason.BLANK),
@@ -219,7 +228,7 @@ def test_any_picture_has_a_map(size, channels, level):
 @pytest.mark.parametrize("shape", [(1, 4000), (3, 4000, 3), (400_000, 400)])
 def test_a_picture_of_no_camera_s_shape_is_not_measured(shape):
     assert patch_detail(np.zeros(shape, np.uint8)) is None
-    assert not SightMeter().of(np.zeros(shape, np.uint8)).causes.any()
+    assert not SightMeter().measure(np.zeros(shape, np.uint8)).causes.any()
 
 
 def test_what_is_no_picture_of_8_bits_cannot_be_judged():

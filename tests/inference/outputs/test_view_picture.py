@@ -55,6 +55,19 @@ def drawn(*moments, at=AT, ended=""):
     return shown, state.draw(shown, at)
 
 
+def test_the_part_that_is_not_seen_has_a_box():
+    def with_blind(box, status):
+        sight = {"seen": (0.6,), "blind": box}
+        verdict = DARK if status == UNKNOWN else moment().report.verdict
+        return drawn(moment(verdict=replace(verdict, sight=sight)))[1][BANNER : -PANEL - STRIP]
+
+    for status in (CLEAR, UNKNOWN):
+        without = with_blind((0.5, 0.0, 0.1, 0.1), status)
+        shown = with_blind((0.5, 0.0, 0.5, 0.3), status)
+        changed = np.argwhere((shown != without).any(axis=2))
+        assert changed[:, 1].min() >= 0.49 * WIDTH and changed[:, 0].max() < 0.35 * len(shown)
+
+
 def strip_of(picture):
     return picture[-STRIP:]
 

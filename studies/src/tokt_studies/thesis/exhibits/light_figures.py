@@ -135,7 +135,7 @@ def _predictions(
     frame, (bundle, words) = bad.left, texture
     patches: Bools | str = words
     if bundle is not None:
-        sight = SightMeter(bundle.sight).of(frame)
+        sight = SightMeter(bundle.sight).measure(frame)
         patches = str(sight.fault) if sight.is_blind else ""
     if bundle is not None and not patches:
         values = bundle.model.decision_values(bundle.extractor.describe(frame, GRID))

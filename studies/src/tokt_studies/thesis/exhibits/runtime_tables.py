@@ -246,7 +246,7 @@ def tokt_texture(
         pictures = FramePictures(frame, GRID)
         gray16 = pictures.gray16
         laps.lap("resize")
-        SightMeter().of(frame, gray16=gray16)
+        SightMeter().measure(frame, gray16)
         laps.lap(REST)
         features = extractor.describe_pictures(pictures)
         laps.lap("features")
