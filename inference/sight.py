@@ -44,10 +44,8 @@ from tokt.models.sight import (
 from .frame import Frame
 from .reason import NO_FAULT, Fault, Reason
 
-DARK, SATURATED, FLAT, SMEARED, BLURRED, DAMAGED = (
-    *("dark", "saturated", "flat", "smeared"),
-    *("blurred", "damaged"),
-)
+DARK, SATURATED, FLAT = "dark", "saturated", "flat"
+SMEARED, BLURRED, DAMAGED = "smeared", "blurred", "damaged"
 CAUSES = ("", DARK, SATURATED, FLAT, SMEARED, BLURRED, DAMAGED)
 """The causes for which a patch is not seen; a map has their places here, 0 where it is seen."""
 _REASONS = {

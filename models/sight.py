@@ -206,15 +206,37 @@ def limits_for(limits: Sequence[SightLimits], width: int) -> SightLimits | None:
     return min(limits, key=lambda each: abs(each.width - width), default=None)
 
 
+def blindness(limits: Sequence[SightLimits], width: int) -> str:
+    """Why a blurred frame of this width may look like open water, or an empty string."""
+    nearest = limits_for(limits, width)
+    if nearest is None:
+        return "sight was not measured on the model's training frames"
+    if nearest.blind:
+        return (
+            "the training frames of this size show no finer detail than blurred ones, as in video"
+        )
+    return ""
+
+
 _UNTESTED = math.inf
 ANY_CAMERA = SightLimits(
-    *(1, 1, DARK_LEVEL, 0.7),
-    (6.6, -0.3, -0.1, _UNTESTED, 6.6, -0.1, -0.05, _UNTESTED, -0.3),
+    height=1,
+    width=1,
+    darkest=DARK_LEVEL,
+    repeated=0.7,
+    limits=(6.6, -0.3, -0.1, _UNTESTED, 6.6, -0.1, -0.05, _UNTESTED, -0.3),
     blurred=1.0,
 )
 """For stereo without a model: wide enough for both cameras of the sea trial, their frames resized
 to width 360 and rendered ones, whose highest are 5.0, -0.36, -0.10, -0.12, 5.0, -0.23, -0.07, 0.1
 and -0.29; of the last up to 0.6 of the rows are the same as the next. A camera whose noise is not
 alike from pixel to pixel, a monochrome one without compression, is outside."""
-UNMEASURED = SightLimits(1, 1, DARK_LEVEL, 1.0, (_UNTESTED,) * len(MEASURES), blurred=0.0)
+UNMEASURED = SightLimits(
+    height=1,
+    width=1,
+    darkest=DARK_LEVEL,
+    repeated=1.0,
+    limits=(_UNTESTED,) * len(MEASURES),
+    blurred=0.0,
+)
 """For models without numbers: only what is dark, saturated or of one level is told."""

@@ -56,11 +56,6 @@ class RunModel:
         """A model that has passed all checks, with its boundary as the options want it."""
         return bundle.with_fixed_boundary() if self._wanted.fixed_boundary else bundle
 
-    def note_on(self, bundle: Bundle | None) -> str:
-        """What each verdict's health says of a model: why it is not the active one, or is blind."""
-        blindness = "" if bundle is None else bundle.blindness
-        return "; ".join(filter(None, (*self.notes, blindness)))
-
     def words(self) -> list[str]:
         """Lines for people."""
         lines = [f"WARNING: {note}" for note in self.notes]
@@ -82,7 +77,7 @@ def open_model_watch(
     def put(bundle: Bundle, note: str) -> None:
         wanted = config.model
         detector = TextureDetector(model.as_it_runs(bundle), wanted.threads, assembly.sight)
-        slot.put(detector, "; ".join(filter(None, (note, bundle.blindness))))
+        slot.put(detector, note)
         drift.set_model(bundle)
 
     def misfit(bundle: Bundle, frame: Frame | None = None) -> str:

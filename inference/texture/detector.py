@@ -14,7 +14,7 @@ from tokt.features.extractors.patch_detail import detail_grid
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.sight import SightMap, SightMeter
+from tokt.inference.sight import SightMeter
 from tokt.inference.verdict import (
     OBSTACLE,
     STATUS_MEAN_THRESHOLD,
@@ -25,6 +25,7 @@ from tokt.inference.verdict import (
 )
 from tokt.models.linear import moved
 from tokt.models.operating_point import MofNState
+from tokt.models.sight import blindness
 from tokt.models.water import WaterState
 
 if TYPE_CHECKING:
@@ -145,7 +146,10 @@ class TextureDetector:
         grid = self.scorer.grid
         # Resized once, for the check and for the features: it costs as much as these.
         pictures = FramePictures(frame.left, grid, threads=self.threads)
-        sight = self._sight_of(frame, frame.left.shape[1], pictures)
+        width = frame.left.shape[1]
+        # The small gray picture serves the features, too.
+        as_wide = grid.width == detail_grid(width).width
+        sight = self._sight.of(frame, gray16=pictures.gray16 if as_wide else None)
         if sight.is_blind:
             return replace(self._unjudged(sight.fault), sight=sight)
         if self.scorer.needs_colour and not pictures.has_colour:
@@ -169,12 +173,8 @@ class TextureDetector:
                 found = replace(found, mask=None, fault=fault, vetoes_clear=True)
             elif found.mask is not None and sight.fault:
                 found = replace(found, fault=sight.fault)
-        return replace(found, features=features, boundary=boundary, sight=sight)
-
-    def _sight_of(self, frame: Frame, width: int, pictures: FramePictures) -> SightMap:
-        """Map what is seen of the left picture; the small gray one serves the features, too."""
-        as_wide = self.scorer.grid.width == detail_grid(width).width
-        return self._sight.of(frame, gray16=pictures.gray16 if as_wide else None)
+        note = "; ".join(filter(None, (found.note, blindness(self.scorer.sight, width))))
+        return replace(found, note=note, features=features, boundary=boundary, sight=sight)
 
     def _unlike_training(self, features: F64) -> Fault:
         """Why the model says nothing where it sees nothing in such a frame, or an empty string."""

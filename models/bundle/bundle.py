@@ -58,7 +58,7 @@ from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel, moved
 from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
-from tokt.models.sight import SightLimits, limits_for, sight_from_json, sight_to_json
+from tokt.models.sight import SightLimits, blindness, sight_from_json, sight_to_json
 from tokt.models.water import WaterState
 
 from .signature import MEMBER as SIGNATURE
@@ -182,13 +182,12 @@ class Bundle(BundleContent):
 
     @property
     def blindness(self) -> str:
-        """Why a frame that shows nothing may look like open water to it, or an empty string."""
-        if not self.sight:
-            return "sight was not measured on its training frames"
-        sizes = [limits_for(self.sight, width) for _, width in self.frame_sizes]
-        if any(limits is not None and not limits.blind for limits in sizes):
-            return ""
-        return "its training frames show no finer detail than blurred ones, as compressed video"
+        """Why frames that show nothing may look like open water to it, or an empty string.
+
+        It is empty where one size of its frames has sight: the runtime says it of the others.
+        """
+        faults = [blindness(self.sight, width) for _, width in self.frame_sizes]
+        return faults[0] if all(faults) else ""
 
     def check_sight(self, accept_blind: bool) -> None:
         """Raise ToktError if it may call clear what shows nothing, unless that is accepted."""

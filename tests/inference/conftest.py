@@ -99,7 +99,6 @@ class NoiseScorer:
     operating_point: OperatingPoint = OperatingPoint()  # noqa: RUF009 - frozen
     distribution: Distribution | None = None
     golden: Golden | None = None
-    blindness: str = ""
     sight: tuple[SightLimits, ...] = SEES_ALL
 
     @property

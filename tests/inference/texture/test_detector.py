@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from tests.models.parts import SEES_ALL
 from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import read_bundle
@@ -48,6 +51,21 @@ def test_frames_narrower_than_the_grid_are_unknown_unless_learnt_from(noise_scor
     assert "320x240" in TextureDetector(noise_scorer).detect(frame).fault
     noise_scorer.frame_sizes = ((240, 320),)
     assert TextureDetector(noise_scorer).detect(frame).fault == ""
+
+
+def test_a_frame_of_a_size_without_sight_is_told_where_another_size_has_it(noise_scorer):
+    """As of a model that learnt from pictures and from compressed video."""
+    (sharp,) = SEES_ALL
+    noise_scorer.frame_sizes = ((271, 360), (542, 720))
+    noise_scorer.sight = (sharp, replace(sharp, height=542, width=720, blurred=0.1))
+    notes = [
+        TextureDetector(noise_scorer).detect(Frame(1, 0.0, noisy(60, 1, *size), None)).note
+        for size in noise_scorer.frame_sizes
+    ]
+    assert notes[0] == "" and "no finer detail" in notes[1]
+    noise_scorer.sight = ()
+    found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, noisy(60, 1, 271, 360), None))
+    assert "sight was not measured" in found.note
 
 
 def noisy(mean: float, sigma: float, height: int = 200, width: int = 300) -> np.ndarray:
