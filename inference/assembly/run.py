@@ -108,7 +108,7 @@ def run(config: RunConfig) -> Summary:
             label = model.bundle.label
             raise ToktError(f"model {label} looks at colours: not with --pixel-format Mono8")
         if assembly.texture is not None:
-            assembly.texture.note = "; ".join(model.notes)
+            assembly.texture.note = model.note
         naming = _naming(config, source, assembly)
         looking = open_observers(config, pairs, senders, source, events, opened, nmea_fault, naming)
         for line in model.words():
@@ -213,7 +213,7 @@ def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
         live=source.live,
         model=None if bundle is None else ModelName(bundle.label, bundle.sha256),
         model_fault=model.fault,
-        model_note="; ".join(model.notes),
+        model_note=model.note,
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
     )
     again = restarts()

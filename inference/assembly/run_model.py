@@ -56,6 +56,11 @@ class RunModel:
         """A model that has passed all checks, with its boundary as the options want it."""
         return bundle.with_fixed_boundary() if self._wanted.fixed_boundary else bundle
 
+    @property
+    def note(self) -> str:
+        """What each verdict's health says of it: why it is not the active one, or not measured."""
+        return _note_on(self.bundle, *self.notes)
+
     def words(self) -> list[str]:
         """Lines for people."""
         lines = [f"WARNING: {note}" for note in self.notes]
@@ -64,6 +69,12 @@ class RunModel:
         rule = self.bundle.operating_point.rule
         late = f"; {rule.latency_words()}" if rule.latency_frames else ""
         return [*lines, f"model {self.bundle.label}: status 1 with {rule.words()}{late}"]
+
+
+def _note_on(bundle: Bundle | None, *notes: str) -> str:
+    """Join notes; where no sight was measured, the start of the log says it for a replay, too."""
+    unmeasured = bundle.blindness if bundle is not None and not bundle.sight else ""
+    return "; ".join(filter(None, (*notes, unmeasured)))
 
 
 def open_model_watch(
@@ -77,7 +88,7 @@ def open_model_watch(
     def put(bundle: Bundle, note: str) -> None:
         wanted = config.model
         detector = TextureDetector(model.as_it_runs(bundle), wanted.threads, assembly.sight)
-        slot.put(detector, note)
+        slot.put(detector, _note_on(bundle, note))
         drift.set_model(bundle)
 
     def misfit(bundle: Bundle, frame: Frame | None = None) -> str:

@@ -173,7 +173,9 @@ class TextureDetector:
                 found = replace(found, mask=None, fault=fault, vetoes_clear=True)
             elif found.mask is not None and sight.fault:
                 found = replace(found, fault=sight.fault)
-        note = "; ".join(filter(None, (found.note, blindness(self.scorer.sight, width))))
+        # Of a model without sight the run says it once, so that older logs are judged as they were.
+        blind = blindness(self.scorer.sight, width) if self.scorer.sight else ""
+        note = "; ".join(filter(None, (found.note, blind)))
         return replace(found, note=note, features=features, boundary=boundary, sight=sight)
 
     def _unlike_training(self, features: F64) -> Fault:
