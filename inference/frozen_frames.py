@@ -1,24 +1,35 @@
 """Pictures that are no new ones: repeated, coming round again, or an old one with small changes.
 
 A camera's noise makes each of its pictures another, down to parts of a row. Pictures are known
-again by that: a picture is described by some of its rows, the hash of each piece of one, and the
-signs of its finest differences, where noise is all that there is in water.
+again by that. Of the last `REMEMBERED` pictures of a camera are kept the hash of each piece of some
+rows, and the signs of the finest differences in fewer of them; of the last new picture and the last
+copy of it also the noise in a few tiles, which is found again where the picture has moved
+(`tokt.inference.noise_match`).
+
+A camera or an encoder may filter noise in time: then new pictures are alike too, and a picture is an
+old one where it is much more like those before than they were (`GROWS`).
 
 What cannot be told from a new picture:
 
-- Buffers that go round and are more than `REMEMBERED`; more than `COMPARED`, where each picture is
-  compressed anew or gets noise on top.
+- Buffers that go round, and loops, of more than `REMEMBERED` pictures.
+- A picture that moves too, in a ring of several; one that is zoomed by more than 1 % from each
+  picture to the next; one with noise put on top that has moved by more than half a tile.
+- One with noise of more than 4 grey levels put on top, or compressed below quality 70 (85 in
+  pictures 360 wide) each time; part of a picture compressed otherwise each time, at times; one that
+  lost its noise and was given other noise.
 - An old picture in a stream whose compression leaves no noise (`NOISY`), where no more than
-  `MOSTLY_SAME` of it stays as it was: it is compressed otherwise each time, or brighter and
-  darker. JPEG of quality 75 leaves none where the noise is below 1.5 grey levels.
-- One compressed below quality 70 (85 in pictures 360 wide), or with noise of 3 grey levels and
-  more put on top; part of a picture compressed otherwise each time, at times.
+  `MOSTLY_SAME` of it stays as it was. JPEG of quality 75 leaves none where the noise is below 1.5
+  grey levels.
 - One that froze before the run began and changes all over: no picture without its noise is known.
-- One with noise on top, or compressed again, before what is textured all over: new pictures of it
-  are alike too (`GROWS`). One that moves by parts of a pixel as well (`DRIFT`).
+- One that changes all over, of a camera whose filter leaves half of the noise and more in the next
+  picture.
+- One that changes all over, before what is textured all over, or has texture as fine as noise in
+  it that has just moved: new pictures of that are alike too.
 - Less than `PART` of a picture.
 
-A label written into each picture, which covers `PART` of it, looks like a part that is frozen.
+A label written into each picture, which covers `PART` of it, looks like a part that is frozen. A wall
+with nothing but texture as fine as noise, when it comes into view within few pictures, is taken for
+a frozen picture until it is `COMES` times as strong as noise is.
 """
 
 import math
@@ -30,22 +41,24 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import U8, U64
+from tokt.features.common.arrays import F32, U8, U64
 from tokt.features.kernels.dispatch import KERNELS
 
 from .config import Limits
 from .frame import Frame, shape_fault
+from .noise_match import Common, Noise, in_common, noise_of
 from .reason import Fault, Reason
 
 # Measured on the 490 pairs of successive frames of the sea trial of 20 April 2016, 245 of each
 # camera, and on still water drawn with noise of 0.5 to 3 grey levels ("drawn").
 
-REMEMBERED = 64
-"""Pictures of each camera that must not come again: 1.3 kB of hashes each, for 1360x1024."""
+REMEMBERED = 320
+"""Pictures of each camera that must not come again, 10 s of 30 a second: of each 1.3 kB of hashes and
+2.7 kB of signs, for 1360x1024."""
 
 PART = 0.05
 """Part of a picture that is the same to the last bit as in an earlier one: a frozen part, as noise
-forbids that. Measured: no piece of a row in 490 pairs, nor in 64 frames before; drawn, 360 pixels
+forbids that. Measured: no piece of a row in 490 pairs, nor in 245 frames before; drawn, 360 pixels
 wide and more, where there is noise (`NOISY`): none."""
 
 MOSTLY_SAME = 0.35
@@ -57,16 +70,14 @@ NOISY = 0.1
 """Part of the finest differences that are not zero, above which a picture has noise. Measured: 0.3
 and more."""
 
-COMPARED = 8
-"""Pictures of each camera whose noise must not come again: as many as drivers have buffers."""
-
 SAME_NOISE = 0.16
-"""By how much more often signs agree with those of one of the last pictures than with the median of
-the others, from -1 to 1. Measured: at most 0.12; one frozen picture, compressed again at quality
-75 to 95, 0.42 and more; with noise of 1 grey level put on top 0.59, of 2 0.29, of 3 0.16."""
+"""By how much more often signs agree with those of one of the last pictures than with the lower
+quarter of the others, from -1 to 1. Measured: at most 0.13; one frozen picture, compressed again at
+quality 75 to 95, 0.42 and more; with noise of 1 grey level put on top 0.59, of 2 0.29."""
 _SIGMAS, _FEWEST_SIGNS = 5.0, 50
 
 _ROWS = 32
+_SIGN_STEP = 4  # signs of every fourth of them are remembered
 _PIECE_PX = 240
 """At least, unless the picture is narrower: compressed, a shorter one comes again by chance."""
 _WORD = 8
@@ -85,17 +96,20 @@ picture and more, close to the tower; of that reef 0.1."""
 _FAR_PX, _TILE_PX = 16, 64
 
 GROWS = 2.0
-"""Signs agree so many times as much as in any of the last pictures. A finely textured wall comes to
-rest before a vehicle by less and less of a pixel: new pictures are alike as well then, and more and
-more. A frozen one is so at once. Such walls were frozen for good before: the closed loop's."""
-
-DRIFT = 6.0
-"""Standard errors by which fine detail has moved in a picture that is none again, as a wall's does
-where a vehicle stops at once. Measured: copies of 82 frames in three sizes with noise, other light
-or compressed again, 4.9 at most; a drawn wall that moves by a tenth of a pixel, 10 and more."""
-_STEEPEST = 16
-"""Grey levels from pixel to pixel. Of edges that are steeper, a part: few would decide."""
-_PARTS, _FEWEST_LINES = 4, 8
+"""A picture is an old one that is so many times as much like those before as any of the last new
+ones was. Noise filtered in time, with gains of 0.3 to 0.85, varies by 1.8 times at most."""
+STAYS = 0.8
+"""The multiple of `SAME_NOISE` or `CHANCE` above which a picture is still an old one after another
+one. Measured on new pictures: 0.83 and 0.72 at most."""
+TEXTURED = 1.2
+"""How many times as strong as lately noise is in the last new picture where it is texture that has
+come into view; a vehicle that turns to a wall and stops at once."""
+COMES = 1.3
+"""How many times as strong as in the last new picture, and in the first copy of it, noise is in a
+picture that is no copy: texture that comes into view."""
+_BEFORE = 8  # pictures whose likeness is known
+_FEWEST_SIGNS_BEFORE, _FEWEST_NOISE_BEFORE = 4, 3  # of them that have to be, by either measure
+_FEWEST_OTHERS = 5  # pictures, of which the lower quarter tells what is by chance
 
 _NONE, _ALL = np.uint64(0), np.uint64(2**64 - 1)  # of a tile's pixels
 _INSIDE = np.full(8, 2 ** (_BLOCK - _LAG) - 1, np.uint8).view(np.uint64)
@@ -163,78 +177,92 @@ def _quiet(rows: U8) -> U64:
     return np.where(tiles, _ALL, _NONE).reshape(len(rows), -1)
 
 
-def _plane(picture: U8) -> U8:
-    return picture if picture.ndim == 2 else picture[:, :, 1]
+def _fewer(signs: U64) -> U64:
+    """Those of some rows, as many as are remembered."""
+    return np.ascontiguousarray(signs[:, ::_SIGN_STEP])
 
 
-def _likeness(one: U64, others: U64) -> tuple[float, float, int]:
-    """By how much more a picture's signs agree with those of one of the others than by chance.
+def _sign_likeness(one: U64, others: U64) -> float | None:
+    """How much more a picture's signs agree with those of one of the others than by chance.
 
-    Then what of that chance may do at most, and which one of the others it is.
+    As a multiple of `SAME_NOISE`, or of what chance may do at most where that is more. None where
+    most of the others show too much else, so that what is by chance is not known.
     """
-    found = [
-        ((alike - opposite) / (alike + opposite), 1 / (alike + opposite), place)
-        for place, (alike, opposite) in enumerate(KERNELS.sign_counts(one, others).tolist())
-        if alike + opposite >= _FEWEST_SIGNS
-    ]
-    # Where most of the others show too much else, what is by chance is not known.
-    if len(found) < max(2, len(others) // 2 + 1):
-        return 0.0, SAME_NOISE, 0
-    *rest, (best, its_variance, place) = sorted(found)
-    # The middle one: where a copy was not known, it and its picture agree as well.
-    by_chance, variance, _ = rest[(len(rest) - 1) // 2]
-    return best - by_chance, max(SAME_NOISE, _SIGMAS * math.sqrt(variance + its_variance)), place
+    alike, opposite = KERNELS.sign_counts(one, others).T
+    counted = alike + opposite
+    enough = counted >= _FEWEST_SIGNS
+    if np.count_nonzero(enough) < max(2, min(len(others) // 2 + 1, _FEWEST_OTHERS)):
+        return None
+    agreement = (alike - opposite)[enough] / counted[enough]
+    order = np.argsort(agreement)
+    # A low one of the rest: where a copy was not known, it and its picture agree as well.
+    best, low = order[-1], order[(len(order) - 2) // 4]
+    error = math.sqrt((1 / counted[enough][[best, low]]).sum())
+    return float(agreement[best] - agreement[low]) / max(SAME_NOISE, _SIGMAS * error)
 
 
-def _lines(picture: U8) -> tuple[U8, U8]:
-    """Some rows of a picture, and some columns."""
-    plane = _plane(picture)
-    return np.ascontiguousarray(_some(plane)), np.ascontiguousarray(_some(plane.T))
+class _Likeness:
+    """How much pictures are like those before, as a multiple of what new ones are at most.
 
-
-def _drifts(old: U8, new: U8) -> bool:
-    """Whether fine detail has moved along lines, all of them or the same part of each.
-
-    The shift of least squares (Lucas and Kanade 1981), judged by how it differs from line to line.
-    What noise, brightness and compression do to a copy points neither way.
+    A camera that filters noise in time puts some of each picture's into the next one. What is usual
+    is learnt from pictures that are new, of which it takes as many as `fewest`.
     """
-    before, after = (
-        np.diff(each.astype(np.float32), axis=1).clip(-_STEEPEST, _STEEPEST) for each in (old, new)
-    )
-    both = before + after
-    # Without the ends, whose one-sided slopes noise alone would move inwards.
-    moved = (both[:, 2:] - both[:, :-2]) * (after - before)[:, 1:-1]
-    length = moved.shape[1] // _PARTS * _PARTS
-    if len(moved) < _FEWEST_LINES or not length:
-        return False
-    parts = moved[:, :length].reshape(len(moved), _PARTS, -1).sum(axis=2)
-    sums = np.column_stack([parts, parts.sum(axis=1)])
-    error = sums.std(axis=0, ddof=1) / math.sqrt(len(sums))
-    return bool((np.abs(sums.mean(axis=0)) > DRIFT * error).any())
+
+    def __init__(self, fewest: int) -> None:
+        self._fewest = fewest
+        self._of_new: deque[float | None] = deque(maxlen=_BEFORE)
+
+    def is_of_old(self, like: float | None, again: bool) -> bool:
+        """Whether a picture is an old one; with `again`, where the one before it was."""
+        known = [each for each in self._of_new if each is not None]
+        if like is None or len(known) < self._fewest:
+            return False
+        usual = max(known)
+        return like > (max(STAYS, usual) if again else max(1.0, GROWS * usual))
+
+    def add(self, like: float | None) -> None:
+        """Learn from a new picture."""
+        self._of_new.append(like)
 
 
-def _middles(picture: U8) -> tuple[U64, U64]:
-    """The middle `_WORD` pixels of each row, and of each column."""
-    y, x = (size // 2 for size in picture.shape)
-    middles = picture[:, x : x + _WORD], picture[y : y + _WORD].T
-    rows, columns = (np.ascontiguousarray(each).view(np.uint64)[:, 0] for each in middles)
-    return rows, columns
+def _likeness() -> tuple[_Likeness, _Likeness]:
+    """Of signs, and of noise."""
+    return _Likeness(_FEWEST_SIGNS_BEFORE), _Likeness(_FEWEST_NOISE_BEFORE)
 
 
-def _moved(last: U8, middles: tuple[U64, U64], picture: U8) -> bool:
-    """Whether the middle row of a picture, or its middle column, is another one of the last."""
-    for old, middle, new in zip((last, last.T), middles, (picture, picture.T), strict=True):
-        line, x = new[len(new) // 2], new.shape[1] // 2
-        near = np.flatnonzero(middle == np.frombuffer(line[x : x + _WORD].tobytes(), np.uint64))
-        if not near.size or line.min() == line.max():  # the latter is drawn, as a crosshair
-            continue
-        if any(np.array_equal(old[index], line) for index in near[:REMEMBERED]):
+class _Texture:
+    """Texture as fine as noise, which comes again in the next picture as well, as no copy."""
+
+    def __init__(self) -> None:
+        self._moved: deque[bool] = deque(maxlen=_BEFORE)
+        self._strengths: deque[F32] = deque(maxlen=_BEFORE)  # of noise and texture
+        self._first_copy: F32 | None = None
+
+    def add(self, noise: Noise, common: Common | None) -> None:
+        """Learn from a new picture, which has this in common with the one before."""
+        self._moved.append(common is not None and common.moved and common.like > STAYS)
+        self._strengths.append(noise.strength)
+        self._first_copy = None
+
+    def is_in_view(self, copy: Noise) -> bool:
+        """Whether what is like the last new picture may be texture: there was some, or is."""
+        if not self._strengths:
+            return False
+        last = self._strengths[-1]
+        usual = np.median(np.stack(self._strengths), axis=0)
+        if any(self._moved) or _is_stronger(last, usual, TEXTURED):
             return True
-    return False
+        if self._first_copy is None:
+            self._first_copy = copy.strength
+        return _is_stronger(copy.strength, np.maximum(last, self._first_copy), COMES)
+
+
+def _is_stronger(strength: F32, than: F32, factor: float) -> bool:
+    return bool(np.median(strength / np.maximum(than, 1e-3)) > factor)
 
 
 class _Camera:
-    """The last pictures of one camera, when the last one came first, and how often since."""
+    """The last pictures of one camera, when the last new one came, and how often since."""
 
     def __init__(self) -> None:
         self._picture: U8 | None = None
@@ -243,12 +271,13 @@ class _Camera:
         self._again = False  # whether an old picture has come since
         self._known = np.zeros((0, 0, 0), np.uint64)  # a ring of hashes, the last one's at `_place`
         self._place = 0
-        self._signs: deque[U64] = deque(maxlen=COMPARED)  # of the last pictures with noise
-        self._lines: deque[tuple[U8, U8]] = deque(maxlen=COMPARED)  # of these, rows and columns
-        self._compared = np.zeros((0, 0, 0, 0), np.uint64)  # the same, as one array
-        self._alike: deque[float] = deque(maxlen=COMPARED)  # of new pictures to those before
-        self._middles: tuple[U64, U64] | None = None
-        self._new: _Look | None = None  # the last one's, until it is prepared for
+        self._signs = np.zeros((0, 0, 0, 0), np.uint64)  # a ring of those with noise
+        self._noisy = 0  # pictures that it was given
+        self._noise: Noise | None = None  # of the last new picture
+        self._shown: Noise | None = None  # of the last one
+        self._texture = _Texture()
+        self._likeness = _likeness()
+        self._new: _Look | None = None  # the last new one's, until it is prepared for
 
     def fault(self, picture: U8, frame: Frame, limits: Limits) -> str:
         """What is wrong with the next picture, in words: empty if it is a new one."""
@@ -256,33 +285,33 @@ class _Camera:
         look, last = _look(picture), self._picture
         if last is None or last.shape != picture.shape:
             self._known = np.zeros((REMEMBERED, *look.hashes.shape), np.uint64)
-            for each in (self._signs, self._lines, self._alike):
-                each.clear()
-            self._middles = None
+            shape = REMEMBERED, *_fewer(look.signs).shape
+            self._signs, self._noisy = np.zeros(shape, np.uint64), 0
+            self._likeness = _likeness()
+            self._texture, self._noise = _Texture(), None
         # Hashes first: they differ in any two frames of a live camera.
         elif (self._known[self._place] == look.hashes).all() and np.array_equal(last, picture):
             return self._repeated(frame, limits)
-        elif words := self._old(last, picture, look):
-            self._again = True
+        plane = picture if picture.ndim == 2 else picture[:, :, 1]
+        noise = noise_of(plane, self._noise)
+        if last is not None and (words := self._old(look, noise)):
+            self._again, self._shown = True, noise
             return words
         self._picture, self._since, self._repeats = picture, frame.arrived, 0
         self._again, self._new = False, look
+        self._noise = self._shown = noise
         return ""
 
     def prepare(self) -> None:
         """Remember the last picture: what the next one need not wait for."""
         look, self._new = self._new, None
-        if look is None or self._picture is None:
+        if look is None:
             return
         self._place = (self._place + 1) % REMEMBERED
         self._known[self._place] = look.hashes
-        if min(self._picture.shape[:2]) >= 2 * _WORD:
-            self._middles = _middles(_plane(self._picture))
         if look.noise > NOISY:
-            self._signs.append(look.signs & _quiet(look.rows))
-            self._lines.append(_lines(self._picture))
-        none = np.zeros((0, *look.signs.shape), np.uint64)
-        self._compared = np.stack(self._signs) if self._signs else none
+            self._signs[self._noisy % REMEMBERED] = _fewer(look.signs & _quiet(look.rows))
+            self._noisy += 1
 
     def _repeated(self, frame: Frame, limits: Limits) -> str:
         self._repeats += 1
@@ -295,7 +324,7 @@ class _Camera:
             return ""
         return f"repeats its last picture, {self._repeats} times"
 
-    def _old(self, last: U8, picture: U8, look: _Look) -> str:
+    def _old(self, look: _Look, noise: Noise | None) -> str:
         """What an earlier picture has to do with one that does not repeat the last."""
         some = self._known == look.hashes
         if some.any():
@@ -305,15 +334,29 @@ class _Camera:
                 return "repeats a part of its last picture"
             if same.max() > limit:
                 return "gives an earlier picture again"
-        middles = self._middles if look.noise > NOISY else None
-        if middles is not None and _moved(_plane(last), middles, _plane(picture)):
-            return "gives its last picture again, moved"
-        like, least, place = _likeness(look.signs, self._compared)
-        least = max(least, GROWS * max(self._alike, default=0.0))
-        if like > least and not any(map(_drifts, self._lines[place], _lines(picture))):
+        common = self._common(noise)
+        likes = (
+            _sign_likeness(_fewer(look.signs), self._signs[: self._noisy]),
+            None if common is None else common.like,
+        )
+        alike = any(
+            before.is_of_old(like, self._again)
+            for before, like in zip(self._likeness, likes, strict=True)
+        )
+        if alike and (noise is None or not self._texture.is_in_view(noise)):
             return "gives an earlier picture again with the same noise"
-        self._alike.append(like)
+        for before, like in zip(self._likeness, likes, strict=True):
+            before.add(like)
+        if noise is not None:
+            self._texture.add(noise, common)
         return ""
+
+    def _common(self, noise: Noise | None) -> Common | None:
+        """What a picture has in common with the last new one, or with the last copy of it."""
+        common = in_common(self._noise, noise)
+        if common is None or not self._again:
+            return common
+        return max(common, in_common(self._shown, noise) or common)
 
 
 class StuckFrameDetector:

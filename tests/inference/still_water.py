@@ -1,5 +1,6 @@
 """Still water before a vehicle on station, and what a frozen picture of it may come as."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import cv2
@@ -44,3 +45,23 @@ def with_bit(picture: Picture, number: int) -> Picture:
 def flickering(picture: Picture, number: int) -> Picture:
     """By 1 % brighter or darker."""
     return np.asarray(np.clip(picture * (1.01 - number % 2 / 50), 0, 255), np.uint8)
+
+
+def moved(
+    picture: Picture, x_px: float = 0.0, y_px: float = 0.0, degrees: float = 0.0, zoom: float = 1.0
+) -> Picture:
+    """Shifted, turned and enlarged, its edges mirrored."""
+    height, width = picture.shape[:2]
+    how = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, zoom)
+    how[:, 2] += x_px, y_px
+    return np.asarray(cv2.warpAffine(picture, how, (width, height), borderMode=cv2.BORDER_REFLECT))
+
+
+def filtered_in_time(pictures: Iterable[Picture], gain: float) -> list[Picture]:
+    """As a camera gives them that mixes each one, with this weight, into those before."""
+    mixed, given = None, []
+    for picture in pictures:
+        new = picture.astype(np.float64)
+        mixed = new if mixed is None else mixed + gain * (new - mixed)
+        given.append(mixed.round().astype(np.uint8))
+    return given
