@@ -108,7 +108,7 @@ COMES = 1.3
 """How many times as strong as in the last new picture, and in the first copy of it, noise is in a
 picture that is no copy: texture that comes into view."""
 _BEFORE = 8  # pictures whose likeness is known
-_FEWEST_SIGNS_BEFORE, _FEWEST_NOISE_BEFORE = 4, 3  # of them that have to be, by either measure
+_FEWEST_KNOWN = 2  # of them that have to be
 _FEWEST_OTHERS = 5  # pictures, of which the lower quarter tells what is by chance
 
 _NONE, _ALL = np.uint64(0), np.uint64(2**64 - 1)  # of a tile's pixels
@@ -205,17 +205,16 @@ class _Likeness:
     """How much pictures are like those before, as a multiple of what new ones are at most.
 
     A camera that filters noise in time puts some of each picture's into the next one. What is usual
-    is learnt from pictures that are new, of which it takes as many as `fewest`.
+    is learnt from pictures that are new.
     """
 
-    def __init__(self, fewest: int) -> None:
-        self._fewest = fewest
+    def __init__(self) -> None:
         self._of_new: deque[float | None] = deque(maxlen=_BEFORE)
 
     def is_of_old(self, like: float | None, again: bool) -> bool:
         """Whether a picture is an old one; with `again`, where the one before it was."""
         known = [each for each in self._of_new if each is not None]
-        if like is None or len(known) < self._fewest:
+        if like is None or len(known) < _FEWEST_KNOWN:
             return False
         usual = max(known)
         return like > (max(STAYS, usual) if again else max(1.0, GROWS * usual))
@@ -223,11 +222,6 @@ class _Likeness:
     def add(self, like: float | None) -> None:
         """Learn from a new picture."""
         self._of_new.append(like)
-
-
-def _likeness() -> tuple[_Likeness, _Likeness]:
-    """Of signs, and of noise."""
-    return _Likeness(_FEWEST_SIGNS_BEFORE), _Likeness(_FEWEST_NOISE_BEFORE)
 
 
 class _Texture:
@@ -276,7 +270,7 @@ class _Camera:
         self._noise: Noise | None = None  # of the last new picture
         self._shown: Noise | None = None  # of the last one
         self._texture = _Texture()
-        self._likeness = _likeness()
+        self._likeness = _Likeness(), _Likeness()  # of signs, and of noise
         self._new: _Look | None = None  # the last new one's, until it is prepared for
 
     def fault(self, picture: U8, frame: Frame, limits: Limits) -> str:
@@ -287,7 +281,7 @@ class _Camera:
             self._known = np.zeros((REMEMBERED, *look.hashes.shape), np.uint64)
             shape = REMEMBERED, *_fewer(look.signs).shape
             self._signs, self._noisy = np.zeros(shape, np.uint64), 0
-            self._likeness = _likeness()
+            self._likeness = _Likeness(), _Likeness()  # of signs, and of noise
             self._texture, self._noise = _Texture(), None
         # Hashes first: they differ in any two frames of a live camera.
         elif (self._known[self._place] == look.hashes).all() and np.array_equal(last, picture):

@@ -79,7 +79,8 @@ def _corners(height: int, width: int) -> list[tuple[int, int]]:
 def noise_of(plane: U8, before: Noise | None) -> Noise | None:
     """The noise of a gray picture, shape (height, width); None of one too small for tiles.
 
-    It is taken from the tiles that were quiet in the picture `before` that this may be a copy of.
+    It is taken from the tiles that are quiet, or were in the picture `before` that this may be a copy
+    of.
     """
     corners = _corners(*plane.shape)
     if not corners:
@@ -90,7 +91,7 @@ def noise_of(plane: U8, before: Noise | None) -> Noise | None:
     quiet = far <= QUIET * near
     fine = np.subtract(tiles[:, _LAG:], tiles[:, :-_LAG], dtype=np.float32)
     fine = np.clip(fine, -_LARGEST, _LARGEST, out=fine).reshape(-1, _TILE_PX, _TILE_PX)
-    used = quiet if before is None else before.quiet
+    used = quiet if before is None else quiet | before.quiet
     fine *= _window() * (used / np.maximum(near, 1e-3))[:, None, None]
     # Two tiles as the parts of complex numbers, so that the sum of their correlations is the real
     # part of one. Both count as much.

@@ -19,7 +19,7 @@ from .frame import Frame, Source
 from .frozen_frames import StuckFrameDetector
 from .publisher import Observer, ReportPublisher, Sender
 from .report import Event, EventQueue, Report
-from .stale_frames import SuspendDetector
+from .stale_frames import StaleFrameDetector
 from .verdict import STATUS_WORDS
 
 _JOIN_S = 2.0
@@ -180,7 +180,7 @@ class Runtime:
 
     def __post_init__(self) -> None:
         self._stuck_frames = StuckFrameDetector(self.limits)
-        self._suspend = SuspendDetector(self.clock, self.limits)
+        self._stale_frames = StaleFrameDetector(self.clock, self.limits)
         self._publisher = ReportPublisher(
             self.senders, self.clock, self.limits, self.source.live, self.place
         )
@@ -227,7 +227,7 @@ class Runtime:
     def _judge(self, frame: Frame, left_out: int, summary: Summary) -> None:
         self._publisher.begin(frame)
         if self.source.live:
-            frame = self._suspend.remove(frame)
+            frame = self._stale_frames.remove(frame)
         frame = self._stuck_frames.remove(frame)
         judgement = self.policy.judge(frame)
         report = self._publisher.publish(frame, judgement, left_out)

@@ -277,9 +277,11 @@ def test_a_named_object_that_is_gone_or_in_a_picture_that_froze():
             last = see(seen)
         assert last == (HELD, False)
         dive.clock.now += 1.25 * dive.limits.stale_s
-        said = {see(seen.copy())}
-        assert dive.listener.reports[-1].verdict.reason is Reason.FROZEN
-        assert see(named.picture(named.own(), seed=9)) == (HELD, False)
+        said = {see(seen.copy()), see(seen.copy())}
+        reasons = [report.verdict.reason for report in dive.listener.reports[-2:]]
+        assert reasons == [Reason.STALE, Reason.FROZEN]
+        found = [see(named.picture(named.own(), seed=seed)) for seed in (9, 12, 13)]
+        assert found[-1] == (HELD, False)
         said |= {see(named.picture(seed=10)), see(named.picture(named.twin(180), seed=11))}
     assert said == {(SEARCHING, True)}
     fault = "a named object out of view, or another of its make in its place, or a frozen camera"
@@ -865,11 +867,32 @@ def test_a_suspend_while_frames_are_in_a_driver():
         for _ in range(4):
             dive.give("fault", dive.picture("clear"))
         dive.silence()
+        dive.give("fault", dive.picture("clear"))  # it may be as old as the silence was long
         healthy(dive)
         dive.clock.suspend(0.01)  # what may come between two looks at two clocks is none
     outcome = finish(dive)
-    assert outcome.summary.reasons["stale"] == 4
+    assert outcome.summary.reasons["stale"] == 5
     fault = "the computer is suspended: frames that a driver's buffers held"
+    row(fault, outcome, "frames by reason: stale; heartbeats")
+
+
+@pytest.mark.parametrize(("stalled_s", "held_up"), [(0.5, 3), (1.0, 8), (6.0, 1), (6.0, 50)])
+def test_a_stall_after_which_what_was_on_its_way_comes(stalled_s, held_up):
+    dive = Dive()
+    with dive.fault_between():
+        for _ in range(8):
+            dive.clock.now += 0.1
+            dive.give("clear")
+        dive.clock.now += stalled_s
+        for _ in range(held_up):  # as fast as the network can
+            dive.clock.now += 0.005
+            dive.give("fault", dive.picture("clear"))
+        dive.clock.now += 0.02
+        dive.give("fault", dive.picture("obstacle"))
+        dive.clock.now += 0.1
+    outcome = finish(dive)
+    assert outcome.summary.reasons["stale"] == held_up + 1
+    fault = "the network stalls, and what was on its way comes late, as if it were new"
     row(fault, outcome, "frames by reason: stale; heartbeats")
 
 

@@ -160,7 +160,7 @@ def test_a_new_model_of_another_camera_is_refused_until_that_camera_is_there(
         assert run.frames(1, draw_large) == [] and run.verdict.reason == "wrong_size"
         assert run.frames(0, draw) == [] and run.verdict.model == "noise/1"
         hand_clock.now += RETRY_S + 1
-        told = run.frames(GOOD_FRAMES, draw_large)  # the other camera has come
+        told = run.frames(1 + GOOD_FRAMES, draw_large)  # the other camera has come, after a stall
         assert told == ["model: model noise/2 runs from the next frame on"]
         assert run.verdict.model == "noise/2" and run.kept == "noise/1"
         run.frames(GOOD_FRAMES, draw_large)
@@ -191,7 +191,7 @@ def test_a_start_with_a_model_of_another_camera_goes_back_to_the_last_good_one(
         assert run.kept == "noise/1" and run.verdict.model == "noise/1"
         # The camera that the active model was made for.
         hand_clock.now += RETRY_S + 1
-        assert len(run.frames(GOOD_FRAMES, draw_large)) == 1
+        assert len(run.frames(1 + GOOD_FRAMES, draw_large)) == 1
         assert run.verdict.model == "noise/2" and run.verdict.health == "ok"
     hold_row(
         "the active model is of another camera at the start",
