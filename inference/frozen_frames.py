@@ -6,8 +6,8 @@ rows, and the signs of the finest differences in fewer of them; of the last new 
 copy of it also the noise in a few tiles, which is found again where the picture has moved
 (`tokt.inference.noise_match`).
 
-A camera or an encoder may filter noise in time: then new pictures are alike too, and a picture is an
-old one where it is much more like those before than they were (`GROWS`).
+A camera or an encoder may filter noise in time. New pictures are then alike too, and a picture is
+an old one where it is much more like those before than they were (`GROWS`).
 
 What cannot be told from a new picture:
 
@@ -27,9 +27,9 @@ What cannot be told from a new picture:
   it that has just moved: new pictures of that are alike too.
 - Less than `PART` of a picture.
 
-A label written into each picture, which covers `PART` of it, looks like a part that is frozen. A wall
-with nothing but texture as fine as noise, when it comes into view within few pictures, is taken for
-a frozen picture until it is `COMES` times as strong as noise is.
+A label written into each picture, which covers `PART` of it, looks like a part that is frozen. A
+wall with nothing but texture as fine as noise, when it comes into view within few pictures, is
+taken for a frozen picture until it is `COMES` times as strong as noise is.
 """
 
 import math
@@ -53,8 +53,8 @@ from .reason import Fault, Reason
 # camera, and on still water drawn with noise of 0.5 to 3 grey levels ("drawn").
 
 REMEMBERED = 320
-"""Pictures of each camera that must not come again, 10 s of 30 a second: of each 1.3 kB of hashes and
-2.7 kB of signs, for 1360x1024."""
+"""Pictures of each camera that must not come again, 10 s of 30 a second. Of each one 1.3 kB of
+hashes and 2.7 kB of signs are kept, for 1360x1024."""
 
 PART = 0.05
 """Part of a picture that is the same to the last bit as in an earlier one: a frozen part, as noise

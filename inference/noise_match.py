@@ -67,10 +67,7 @@ def _corners(height: int, width: int) -> list[tuple[int, int]]:
     """Row and column at the top left of each tile; none of a picture that is too small."""
     down, across = (
         np.linspace(_MARGIN * size, (1 - _MARGIN) * size - needed, count).astype(int).tolist()
-        for size, needed, count in (
-            (height, _TILE_PX, _DOWN),
-            (width, _TILE_PX + _LAG, _ACROSS),
-        )
+        for size, needed, count in ((height, _TILE_PX, _DOWN), (width, _TILE_PX + _LAG, _ACROSS))
     )
     fits = down[0] <= down[-1] and across[0] <= across[-1]
     return [(y, x) for y in down for x in across] if fits else []
@@ -79,8 +76,7 @@ def _corners(height: int, width: int) -> list[tuple[int, int]]:
 def noise_of(plane: U8, before: Noise | None) -> Noise | None:
     """The noise of a gray picture, shape (height, width); None of one too small for tiles.
 
-    It is taken from the tiles that are quiet, or were in the picture `before` that this may be a copy
-    of.
+    It is taken from tiles that are quiet, or were in the picture `before`, whose copy this may be.
     """
     corners = _corners(*plane.shape)
     if not corners:

@@ -81,9 +81,10 @@ class StaleFrameDetector:
         self._since += taken
         if known and gap_s > max(STALLED * usual_s, self._limits.stale_s):
             self._stalled_s, self._since = last_s, taken
-        elif self._stalled_s is not None:
-            if in_step or self._since * usual_s >= arrived_s - self._stalled_s:
-                self._stalled_s = None
+        elif self._stalled_s is not None and (
+            in_step or self._since * usual_s >= arrived_s - self._stalled_s
+        ):
+            self._stalled_s = None
         if in_step or self._stalled_s is None:  # a stall, too: the camera may have become slower
             self._spacings_s.append(spacing_s)
         if self._stalled_s is None:

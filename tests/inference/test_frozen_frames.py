@@ -180,7 +180,7 @@ AT_ONCE = {
     "flickering": flickering,
     "rolling down": lambda picture, number: np.roll(picture, number, 0),
     "rolling sideways": lambda picture, number: np.roll(picture, number, 1),
-    "panned by parts of a pixel": lambda picture, number: moved(picture, 0.3 * number, 0.1 * number),
+    "panned by parts of a pixel": lambda picture, number: moved(picture, 0.3 * number, number / 9),
     "panned on and on": lambda picture, number: moved(picture, 7.3 * number, -2.6 * number),
     "zoomed": lambda picture, number: moved(picture, zoom=1 + 0.003 * number),
     "stabilised": lambda picture, number: moved(picture, *RNG.normal(0, 2, 2), RNG.normal(0, 0.05)),
