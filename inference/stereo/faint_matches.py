@@ -129,7 +129,8 @@ class FaintMatches:
         else:
             fault = NO_FAULT
         if fault:
-            return Detection(None, self._method, fault=fault, vetoes_clear=True)
+            vetoes_clear = water is None or water.vetoes_clear
+            return Detection(None, self._method, fault=fault, vetoes_clear=vetoes_clear)
         return Detection(np.zeros(self._mask_size, np.uint8), self._method)
 
     def _doubt(self) -> None:

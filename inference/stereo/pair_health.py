@@ -3,8 +3,9 @@
 What is found, each with its reason in words: a covered or dark camera, a frozen one, views of
 which hardly any texture matches (swapped cameras, one mounted upside down, a wrong calibration,
 another moment), texture that the right view alone shows, and rows that do not agree (out of step,
-a camera that has turned). Where nothing is found, the light of both views has to be open water's
-(`open_water_fault`): not level, and alike in both.
+a camera that has turned). Where nothing is found, both views have to be open water's
+(`open_water_fault`): their light is not level, and alike in both, and specks are seen in them. What
+has matched nothing and shows not even those has seen nothing.
 
 What cannot be found:
 
@@ -18,6 +19,8 @@ What cannot be found:
 - A right camera turned about its vertical axis moves every disparity alike: 1 degree is 19 px of a
   view, while rows stay within 1.5 px. The distances are wrong; only `tokt calibrate` sees it, from
   tracks over several frames. Turned about its own axis by 1 degree, 50 of 75 pairs have a fault.
+- A veil over a part of a view, with noise on it as the camera's. Of clear tank water, which has no
+  specks, a pair in which nothing is found is unknown.
 - A cover as bright as the water. A dark one over the left or right half of a lens, in open water
   (the left camera's shows by its edge); something textured behind it is a misfit.
 - What is textured in less than `TEXTURED_FRACTION` of the view, with a wrong right frame.
@@ -106,6 +109,13 @@ _PLACES = np.arange(_PARTS**2).reshape(_PARTS, _PARTS)
 _TURNS = np.array([np.rot90(way, by).ravel() for way in (_PLACES, _PLACES.T) for by in range(4)])
 """Where each part comes from when a view is turned and mirrored; first as it is."""
 _EVENLY = (np.arange(_PARTS) - (_PARTS - 1) / 2) / np.arange(_PARTS).std()
+SPECKS = 4.2
+"""How many times as bright as noise the brightest specks of the water are at least, as `_specks`
+says. The same frames (1 to 131, 205 to 246): 4.0 / 5.2 and more, all but one 4.3 / 5.2. A light with
+a camera's noise and nothing in it, or a view blurred under such noise: 4.0 at most."""
+_SPECK_WIDTH = 340  # of the view, in pixels, so that a speck is a pixel or a few
+_SPECK_PART = 2.3e-4  # of the pixels, 20 of them
+_SPECK_PX, _AROUND_PX, _LOCAL_PX = 3, 9, 61
 _BLACK_GREY = 3.0  # grey levels that are added before the logarithm: differences below are noise
 
 MISFIT = "the left and right frames do not match: another moment, or something too near"
@@ -181,19 +191,40 @@ def unfit_pictures(
 def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
     """Why two views in which nothing was found are not to be taken for open water, or None.
 
-    Open water gives no match, so that the light alone tells whether both views are what they should
-    be.
+    Open water gives no match, so that its light and specks alone tell whether both views are what
+    they should be.
     """
     left, right = (_light(view) for view in (left_view, right_view))
     for side, light in (("left", left), ("right", right)):
         if _levelness(light) < LEVELNESS:
             level = f"the {side} view has lost its contrast: haze, glow or no true picture"
             return PairFault(level, vetoes_clear=True)
+    for side, view in (("left", left_view), ("right", right_view)):
+        if _specks(view) < SPECKS:
+            words = f"the {side} view shows noise and not a speck of the water: nothing is seen"
+            return PairFault(words, vetoes_clear=side == "left", code=Reason.BLANK)
     alike = _fall(right).ravel()[_TURNS] @ _fall(left).ravel()
     if alike[0] < max(MIN_ALIKE, float(alike.max())):
         words = "the light of the two views is not alike: swapped, turned, mirrored or covered"
         return PairFault(words, vetoes_clear=True)
     return None
+
+
+def _specks(view: F32) -> float:
+    """How far the brightest few pixels of a view stand out, as a multiple of noise near them.
+
+    Water has specks in it, which scatter the lamps' light. Noise has no such tail: where that is
+    all there is, no match does not mean that nothing is there.
+    """
+    size = _SPECK_WIDTH, max(_SPECK_WIDTH * view.shape[0] // view.shape[1], 1)
+    small = np.asarray(cv2.resize(view, size, interpolation=cv2.INTER_AREA), np.float32)
+    fine = cv2.blur(small, (_SPECK_PX, _SPECK_PX)) - cv2.blur(small, (_AROUND_PX, _AROUND_PX))
+    # The mean of what is normally distributed, without its sign, is 0.8 standard deviations.
+    noise = cv2.blur(np.abs(fine), (_LOCAL_PX, _LOCAL_PX)) * math.sqrt(math.pi / 2)
+    inside = np.s_[_AROUND_PX:-_AROUND_PX, _AROUND_PX:-_AROUND_PX]
+    brightness = (fine[inside] / np.maximum(noise[inside], 1e-3)).ravel()
+    last = max(len(brightness) - 1 - int(_SPECK_PART * len(brightness)), 0)
+    return float(np.partition(brightness, last)[last])
 
 
 def _light(view: F32) -> F64:

@@ -28,6 +28,7 @@ def even_sea(camera: int = 0, seed: int = 0, light: float = 1.0) -> np.ndarray:
 
 
 SQUARE_PX = 320
+SPECKS = 40  # in a view
 
 
 def square_texture(cells: int = 80) -> np.ndarray:
@@ -79,15 +80,18 @@ def lamp_light() -> np.ndarray:
     return 8 + 25 * np.exp(-((columns - 560) ** 2 + (rows - 600) ** 2) / (2 * 400**2))
 
 
-def lit_sea(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Both views of it with the cameras' noise; grey levels, float32."""
-    left, right = camera_noise(seed)
+def lit_sea(seed: int, specks: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Both views of it with the cameras' noise and specks; grey levels, float32."""
+    left, right = camera_noise(seed, specks)
     return lamp_light() + left, lamp_light() + right
 
 
-def camera_noise(seed: int) -> list[np.ndarray]:
+def camera_noise(seed: int, specks: bool = True) -> list[np.ndarray]:
     """Of two cameras; moved about it is another frame's, and sooner than drawn anew."""
-    return [np.roll(each, (7 * seed, 13 * seed), (0, 1)) for each in _camera_noise()]
+    noise = [np.roll(each, (7 * seed, 13 * seed), (0, 1)) for each in _camera_noise()]
+    for view, drifting in zip(noise, _specks(), strict=True) if specks else ():
+        view += np.roll(drifting, (311 * seed, 523 * seed), (0, 1))
+    return noise
 
 
 @cache
@@ -101,6 +105,16 @@ def _camera_noise() -> np.ndarray:
             cv2.GaussianBlur(view, (0, 0), sigma_px, dst=view)
             view *= grey / view.std()
     return np.asarray(noise + unevenness)
+
+
+@cache
+def _specks() -> np.ndarray:
+    """Specks of the water in a lamp's light, of 3 grey levels, in either view."""
+    chance = np.random.default_rng(1).random((2, HEIGHT, WIDTH), np.float32)
+    specks = (chance < SPECKS / (HEIGHT * WIDTH)).astype(np.float32)
+    for view in specks:
+        cv2.GaussianBlur(view, (0, 0), 4.0, dst=view)
+    return np.asarray(3.0 / specks.max() * specks)
 
 
 def sea_trial(mission: Path, camera: str, number: int) -> np.ndarray:

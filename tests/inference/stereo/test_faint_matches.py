@@ -233,6 +233,22 @@ def labelled(path: Path) -> set[int]:
 OBSTACLE_CLASS = "subsea_installation"
 
 
+@pytest.mark.parametrize("stereo", [DisparityDetector, PushbroomDetector])
+@pytest.mark.parametrize("blind", ["left", "right"])
+def test_a_view_of_noise_in_which_nothing_is_matched_has_seen_nothing(stereo, blind):
+    """A fogged port, and the vehicle's own light: no speck of the water is seen."""
+    which = int(blind == "right")
+    for specks, expected in ((True, 0), (False, -1)):
+        detector = stereo(PLAIN, Grid())
+        for number in range(1, 9):  # the first ones settle what is faint
+            pair = list(lit_sea(number))
+            pair[which] = lit_sea(number, specks)[which]
+            found = detector.detect(Frame(number, 0.0, *map(as_picture, pair)))
+        assert status(found) == expected, found.fault
+    assert f"the {blind} view shows noise and not a speck" in found.fault
+    assert found.vetoes_clear == (blind == "left")
+
+
 @pytest.mark.mission
 @pytest.mark.study
 def test_no_labelled_frame_of_the_sea_trial_is_clear_and_no_water_an_obstacle(
@@ -251,4 +267,4 @@ def test_no_labelled_frame_of_the_sea_trial_is_clear_and_no_water_an_obstacle(
         seen = [said[number][which] for number in tower]
         assert 0 not in seen and seen.count(-1) <= 4  # pushbroom: between two of its distances
         water = [said[number][which] for number in range(1, 132)]
-        assert 1 not in water and water.count(-1) <= 3
+        assert 1 not in water and water.count(-1) <= 5
