@@ -30,7 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8, Bools
+from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.extractors.patch_detail import MEASURES, PatchDetail, patch_detail
+from tokt.features.frames.grid import Grid
+from tokt.features.kernels.quantization import STEPS_PER_LEVEL
 from tokt.models.sight import (
     ANY_CAMERA,
     BRIGHT_PART,
@@ -157,6 +160,7 @@ class SightMeter:
         self.limits = limits
         self._otherwise = otherwise
         self._last: dict[str, tuple[tuple[int, float], U8, SightMap]] = {}
+        self._gray16: NDArray[np.uint16] | None = None  # of the last left picture, where given
 
     def of(
         self, frame: Frame, side: str = "left", gray16: NDArray[np.uint16] | None = None
@@ -178,7 +182,20 @@ class SightMeter:
             return last[2]
         found = self.measure(picture, gray16)
         self._last[side] = key, picture, found
+        if side == "left":
+            self._gray16 = gray16
         return found
+
+    def gray(self, frame: Frame, picture: U8, grid: Grid) -> U8:
+        """A frame's left picture, gray and as wide as a grid wants it.
+
+        It is the one that the frame's map was measured on, where that is as wide.
+        """
+        last, gray16 = self._last.get("left"), self._gray16
+        measured = last is not None and last[0] == (frame.number, frame.t) and last[1] is picture
+        if not measured or gray16 is None or gray16.shape != grid.resized(*picture.shape[:2]):
+            gray16 = FramePictures(picture, grid).gray16
+        return np.asarray((gray16 + STEPS_PER_LEVEL // 2) // STEPS_PER_LEVEL, np.uint8)
 
     def measure(self, picture: U8, gray16: NDArray[np.uint16] | None = None) -> SightMap:
         """Map what is seen of a picture, uint8 (height, width) or (height, width, 3)."""

@@ -25,18 +25,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from tokt.features.common.arrays import I64, U8, Bools
-from tokt.features.extractors.extractor import gray_picture
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.config import ALL, NEAR
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.sight import SightMeter
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict, health_of, unknown_verdict
 
 from .flow import MIN_SIDE_PX, FlowPicture, PointFlow, common_motion, follow
@@ -87,6 +87,7 @@ class MovingThings:
 
     policy: Policy
     avoid: str = NEAR  # `tokt.inference.config.MOVING`
+    sight: SightMeter = field(default_factory=SightMeter)  # which may have the picture already
 
     def __post_init__(self) -> None:
         self._sediment = SedimentWatch()
@@ -97,7 +98,7 @@ class MovingThings:
     def judge(self, frame: Frame) -> Judgement:
         """The policy's answer, with what moves, and whether it is a cloud that hides the view."""
         judgement = self.policy.judge(frame)
-        gray = _picture(judgement, frame)
+        gray = self._picture(judgement, frame)
         if gray is None:
             self._key = None
             self._pairs.clear()
@@ -118,6 +119,16 @@ class MovingThings:
             return judgement
         unknown = unknown_verdict(Fault(doubt.reason, health_of(doubt, verdict.health)))
         return replace(judgement, mask=None, verdict=replace(unknown, moving=verdict.moving))
+
+    def _picture(self, judgement: Judgement, frame: Frame) -> U8 | None:
+        """The left picture in gray, `PATCHES` wide; None where nothing was looked for in it."""
+        verdict = judgement.verdict
+        if frame.left is None or (verdict.status == UNKNOWN and verdict.reason not in _LOOKED_AT):
+            return None
+        if min(frame.left.shape[:2]) < MIN_SIDE_PX:
+            return None
+        gray = self.sight.gray(frame, frame.left, PATCHES)
+        return gray if gray.shape[0] >= MIN_SIDE_PX else None
 
     def _follow(self, frame: Frame, gray: U8, mask: U8) -> None:
         """Take in how points went since the key frame, if all is known since, and it is time to."""
@@ -193,17 +204,6 @@ def _pair(t_s: float, tracks: PointFlow, then: U8, now: U8) -> _Pair:
     patch = row * PATCHES.cols + col
     counts = (np.bincount(patch[which], minlength=len(nothing)) for which in (fast, ~fast))
     return _Pair(t_s, True, *counts)
-
-
-def _picture(judgement: Judgement, frame: Frame) -> U8 | None:
-    """The left picture in gray, `PATCHES` wide; None where nothing was looked for in it."""
-    verdict = judgement.verdict
-    if frame.left is None or (verdict.status == UNKNOWN and verdict.reason not in _LOOKED_AT):
-        return None
-    if min(frame.left.shape[:2]) < MIN_SIDE_PX:
-        return None
-    gray = gray_picture(frame.left, PATCHES)
-    return gray if gray.shape[0] >= MIN_SIDE_PX else None
 
 
 def _fast(tracks: PointFlow, water: Bools) -> Bools:

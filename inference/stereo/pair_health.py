@@ -111,8 +111,9 @@ _TURNS = np.array([np.rot90(way, by).ravel() for way in (_PLACES, _PLACES.T) for
 _EVENLY = (np.arange(_PARTS) - (_PARTS - 1) / 2) / np.arange(_PARTS).std()
 SPECKS = 4.2
 """How many times as bright as noise the brightest specks of the water are at least, as `_specks`
-says. The same frames (1 to 131, 205 to 246): 4.0 / 5.2 and more, all but one 4.3 / 5.2. A light with
-a camera's noise and nothing in it, or a view blurred under such noise: 4.0 at most."""
+says. Left and right view of frames 1 to 131 and 205 to 246: 4.0 and 5.2 at least, of all but one
+4.3 and 5.5. A light with a camera's noise and nothing in it, or a view blurred under such noise:
+4.0 at most."""
 _SPECK_WIDTH = 340  # of the view, in pixels, so that a speck is a pixel or a few
 _SPECK_PART = 2.3e-4  # of the pixels, 20 of them
 _SPECK_PX, _AROUND_PX, _LOCAL_PX = 3, 9, 61
