@@ -16,10 +16,10 @@ from tokt.inference.policy.policy import Policy
 from .clock import Clock
 from .config import Limits
 from .frame import Frame, Source
-from .frozen_frames import StuckFrameDetector
+from .freshness.frozen_frames import StuckFrameDetector
+from .freshness.stale_frames import StaleFrameDetector
 from .publisher import Observer, ReportPublisher, Sender
 from .report import Event, EventQueue, Report
-from .stale_frames import StaleFrameDetector
 from .verdict import STATUS_WORDS
 
 _JOIN_S = 2.0

@@ -3,8 +3,8 @@ import pytest
 
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
+from tokt.inference.freshness.stale_frames import StaleFrameDetector
 from tokt.inference.reason import Reason
-from tokt.inference.stale_frames import StaleFrameDetector
 
 PERIOD_S = 0.1
 PICTURE = np.zeros((4, 4), np.uint8)

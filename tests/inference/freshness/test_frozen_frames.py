@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from tokt.features.frames.mission import LEFT, RIGHT, open_mission
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
-from tokt.inference.frozen_frames import REMEMBERED, StuckFrameDetector
+from tokt.inference.freshness.frozen_frames import REMEMBERED, StuckFrameDetector
 from tokt.inference.reason import Reason
 
-from .still_water import (
+from ..still_water import (
     RNG,
     dithered,
     filtered_in_time,

@@ -6,10 +6,10 @@ from dataclasses import replace
 from statistics import median
 from typing import Any
 
-from .clock import Clock
-from .config import Limits
-from .frame import MANY_MISSED, Frame
-from .reason import Fault, Reason
+from tokt.inference.clock import Clock
+from tokt.inference.config import Limits
+from tokt.inference.frame import MANY_MISSED, Frame
+from tokt.inference.reason import Fault, Reason
 
 _SUSPENDED_S = 0.05
 _SPACINGS, _FEWEST_SPACINGS = 9, 4  # frames whose spacing is remembered, and least to go by

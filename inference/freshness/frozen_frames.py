@@ -4,7 +4,7 @@ A camera's noise makes each of its pictures another, down to parts of a row. Pic
 again by that. Of the last `REMEMBERED` pictures of a camera are kept the hash of each piece of some
 rows, and the signs of the finest differences in fewer of them; of the last new picture and the last
 copy of it also the noise in a few tiles, which is found again where the picture has moved
-(`tokt.inference.noise_match`).
+(`tokt.inference.freshness.noise_match`).
 
 A camera or an encoder may filter noise in time. New pictures are then alike too, and a picture is
 an old one where it is much more like those before than they were (`GROWS`).
@@ -43,11 +43,11 @@ import numpy as np
 
 from tokt.features.common.arrays import F32, U8, U64
 from tokt.features.kernels.dispatch import KERNELS
+from tokt.inference.config import Limits
+from tokt.inference.frame import Frame, shape_fault
+from tokt.inference.reason import Fault, Reason
 
-from .config import Limits
-from .frame import Frame, shape_fault
 from .noise_match import Common, Noise, in_common, noise_of
-from .reason import Fault, Reason
 
 # Measured on the 490 pairs of successive frames of the sea trial of 20 April 2016, 245 of each
 # camera, and on still water drawn with noise of 0.5 to 3 grey levels ("drawn").

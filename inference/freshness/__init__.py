@@ -1,0 +1,1 @@
+"""Freshness: whether the picture of a frame is a new one, or is frozen, repeated or old."""
