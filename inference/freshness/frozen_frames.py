@@ -25,6 +25,8 @@ What cannot be told from a new picture:
   picture.
 - One that changes all over, before what is textured all over, or has texture as fine as noise in
   it that has just moved: new pictures of that are alike too.
+- One that moves or changes all over, in pictures smaller than 310x230, or where fewer than eight of
+  twelve tiles show water.
 - Less than `PART` of a picture.
 
 A label written into each picture, which covers `PART` of it, looks like a part that is frozen. A
@@ -234,7 +236,7 @@ class _Texture:
 
     def add(self, noise: Noise, common: Common | None) -> None:
         """Learn from a new picture, which has this in common with the one before."""
-        self._moved.append(common is not None and common.moved and common.like > STAYS)
+        self._moved.append(common is not None and common.moved)
         self._strengths.append(noise.strength)
         self._first_copy = None
 
@@ -339,8 +341,8 @@ class _Camera:
         )
         if alike and (noise is None or not self._texture.is_in_view(noise)):
             return "gives an earlier picture again with the same noise"
-        for before, like in zip(self._likeness, likes, strict=True):
-            before.add(like)
+        self._likeness[0].add(likes[0])
+        self._likeness[1].add(None if common is None else common.somewhere)
         if noise is not None:
             self._texture.add(noise, common)
         return ""

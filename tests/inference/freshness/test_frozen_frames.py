@@ -145,6 +145,24 @@ LAMP = np.where(
 )  # a quarter of the picture is lit, the rest black
 
 
+@pytest.mark.parametrize(
+    ("part", "rough"),
+    [
+        (np.s_[: HEIGHT // 3], 0.5),
+        (np.s_[:, : WIDTH // 4], 0.3),
+        (np.s_[: HEIGHT // 3, : WIDTH // 2], 0.5),
+    ],
+)
+def test_a_part_of_the_view_that_is_as_fine_as_noise_is_no_frozen_picture(part, rough):
+    """A vehicle hovers in a current before what a part of its view shows now and then."""
+    there = np.zeros(LIGHT.shape)
+    there[part] = rough * roughness(0)[:HEIGHT, :WIDTH][part]
+    pictures = [water(LIGHT + there * (number % 9 > 5)) for number in range(60)]
+    pictures += [water(LIGHT) for _ in range(10)]
+    told = faults([*pictures, *(dithered(pictures[-1]) for _ in range(4))])
+    assert not any(told[:70]) and all(told[70:])
+
+
 @pytest.mark.parametrize("speed_px", [25.0, 5.0])
 def test_a_wall_that_moves_fast_and_then_not_at_all_is_no_frozen_picture(speed_px):
     places = np.cumsum([speed_px / 10] * 8 + [speed_px / 5] * 4 + [0.1] * 10)
