@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.features.kernels.each_kernel import changed
-from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH
+from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH, specks
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import LIBRARY, load_kernels
@@ -29,6 +29,7 @@ def flat(seed):
     rng = np.random.default_rng(seed)
     fine, uneven = (rng.normal(0, sd, fall.shape) for sd in (2.0, 5.0))
     view = fall + cv2.GaussianBlur(fine, (0, 0), 0.9) + cv2.GaussianBlur(uneven, (0, 0), 6)
+    view += specks(rng, HEIGHT, WIDTH, grey_levels=5.0)
     return view.round().clip(0).astype(np.uint8)
 
 

@@ -80,16 +80,16 @@ def lamp_light() -> np.ndarray:
     return 8 + 25 * np.exp(-((columns - 560) ** 2 + (rows - 600) ** 2) / (2 * 400**2))
 
 
-def lit_sea(seed: int, specks: bool = True) -> tuple[np.ndarray, np.ndarray]:
+def lit_sea(seed: int, with_specks: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Both views of it with the cameras' noise and specks; grey levels, float32."""
-    left, right = camera_noise(seed, specks)
+    left, right = camera_noise(seed, with_specks)
     return lamp_light() + left, lamp_light() + right
 
 
-def camera_noise(seed: int, specks: bool = True) -> list[np.ndarray]:
+def camera_noise(seed: int, with_specks: bool = True) -> list[np.ndarray]:
     """Of two cameras; moved about it is another frame's, and sooner than drawn anew."""
     noise = [np.roll(each, (7 * seed, 13 * seed), (0, 1)) for each in _camera_noise()]
-    for view, drifting in zip(noise, _specks(), strict=True) if specks else ():
+    for view, drifting in zip(noise, _specks(), strict=True) if with_specks else ():
         view += np.roll(drifting, (311 * seed, 523 * seed), (0, 1))
     return noise
 
@@ -109,12 +109,18 @@ def _camera_noise() -> np.ndarray:
 
 @cache
 def _specks() -> np.ndarray:
-    """Specks of the water in a lamp's light, of 3 grey levels, in either view."""
-    chance = np.random.default_rng(1).random((2, HEIGHT, WIDTH), np.float32)
-    specks = (chance < SPECKS / (HEIGHT * WIDTH)).astype(np.float32)
-    for view in specks:
-        cv2.GaussianBlur(view, (0, 0), 4.0, dst=view)
-    return np.asarray(3.0 / specks.max() * specks)
+    rng = np.random.default_rng(1)
+    return np.stack([specks(rng, HEIGHT, WIDTH) for _ in range(2)])
+
+
+def specks(
+    rng: np.random.Generator, height: int, width: int, grey_levels: float = 2.5
+) -> np.ndarray:
+    """Specks of the water in a lamp's light; float32."""
+    chance, sigma_px = rng.random((height, width), np.float32), 4.0 * width / WIDTH
+    view = (chance < SPECKS / (height * width)).astype(np.float32)
+    cv2.GaussianBlur(view, (0, 0), sigma_px, dst=view)
+    return np.asarray(grey_levels * 2 * np.pi * sigma_px**2 * view)
 
 
 def sea_trial(mission: Path, camera: str, number: int) -> np.ndarray:
