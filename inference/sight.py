@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8, Bools
-from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.extractors.frame_pictures import gray_picture
 from tokt.features.extractors.patch_detail import MEASURES, PatchDetail, patch_detail
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.quantization import STEPS_PER_LEVEL
@@ -147,6 +147,21 @@ _WHOLE = SightMap(np.zeros((10, 10), np.uint8))
 """The map of a frame that is too small for patches: nothing speaks against it."""
 
 
+@dataclass(frozen=True)
+class _Measured:
+    """The map of the last picture of one side, with what it was measured on where that was given."""
+
+    number: int
+    t: float
+    picture: U8
+    gray16: NDArray[np.uint16] | None
+    sight: SightMap
+
+    def is_of(self, frame: Frame, picture: U8) -> bool:
+        """By its number as well: a source may give the next picture in the same memory."""
+        return (self.number, self.t) == (frame.number, frame.t) and self.picture is picture
+
+
 class SightMeter:
     """Say what is seen of the frames of one run.
 
@@ -159,8 +174,7 @@ class SightMeter:
     def __init__(self, limits: Sequence[SightLimits] = (), otherwise: SightLimits = UNMEASURED):
         self.limits = limits
         self._otherwise = otherwise
-        self._last: dict[str, tuple[tuple[int, float], U8, SightMap]] = {}
-        self._gray16: NDArray[np.uint16] | None = None  # of the last left picture, where given
+        self._last: dict[str, _Measured] = {}
 
     def of(
         self, frame: Frame, side: str = "left", gray16: NDArray[np.uint16] | None = None
@@ -175,27 +189,23 @@ class SightMeter:
         gray16 : array of uint16, optional
             As `patch_detail` takes it.
         """
-        picture, key = getattr(frame, side), (frame.number, frame.t)
-        last = self._last.get(side)
-        # By its number as well: a source may give the next picture in the same memory.
-        if last is not None and last[0] == key and last[1] is picture:
-            return last[2]
-        found = self.measure(picture, gray16)
-        self._last[side] = key, picture, found
-        if side == "left":
-            self._gray16 = gray16
-        return found
+        picture, last = getattr(frame, side), self._last.get(side)
+        if last is None or not last.is_of(frame, picture):
+            sight = self.measure(picture, gray16)
+            last = self._last[side] = _Measured(frame.number, frame.t, picture, gray16, sight)
+        return last.sight
 
     def gray(self, frame: Frame, picture: U8, grid: Grid) -> U8:
         """A frame's left picture, gray and as wide as a grid wants it.
 
         It is the one that the frame's map was measured on, where that is as wide.
         """
-        last, gray16 = self._last.get("left"), self._gray16
-        measured = last is not None and last[0] == (frame.number, frame.t) and last[1] is picture
-        if not measured or gray16 is None or gray16.shape != grid.resized(*picture.shape[:2]):
-            gray16 = FramePictures(picture, grid).gray16
-        return np.asarray((gray16 + STEPS_PER_LEVEL // 2) // STEPS_PER_LEVEL, np.uint8)
+        last = self._last.get("left")
+        if last is None or last.gray16 is None or not last.is_of(frame, picture):
+            return gray_picture(picture, grid)
+        if last.gray16.shape != grid.resized(*picture.shape[:2]):
+            return gray_picture(picture, grid)
+        return np.asarray((last.gray16 + STEPS_PER_LEVEL // 2) // STEPS_PER_LEVEL, np.uint8)
 
     def measure(self, picture: U8, gray16: NDArray[np.uint16] | None = None) -> SightMap:
         """Map what is seen of a picture, uint8 (height, width) or (height, width, 3)."""

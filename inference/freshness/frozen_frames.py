@@ -29,9 +29,9 @@ What cannot be told from a new picture:
   twelve tiles show water.
 - Less than `PART` of a picture.
 
-A label written into each picture, which covers `PART` of it, looks like a part that is frozen. A
-wall with nothing but texture as fine as noise, when it comes into view within few pictures, is
-taken for a frozen picture until it is `COMES` times as strong as noise is.
+A label written into each picture, which covers `PART` of it, looks like a part that is frozen.
+Texture as fine as noise that is in a third of the view all at once, and has not been seen to move,
+is taken for a frozen picture.
 """
 
 import math
@@ -43,13 +43,13 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import F32, U8, U64
+from tokt.features.common.arrays import U8, U64
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.reason import Fault, Reason
 
-from .noise_match import Common, Noise, in_common, noise_of
+from .noise_match import FAR_PX, LAG_PX, LARGEST, QUIET, TILE_PX, Common, Noise, in_common, noise_of
 
 # Measured on the 490 pairs of successive frames of the sea trial of 20 April 2016, 245 of each
 # camera, and on still water drawn with noise of 0.5 to 3 grey levels ("drawn").
@@ -84,18 +84,13 @@ _PIECE_PX = 240
 """At least, unless the picture is narrower: compressed, a shorter one comes again by chance."""
 _WORD = 8
 _FEWEST_WORDS = 2  # in a row, so that a flat piece is seen
-_LAG = 2
 _BLOCK = 8
 """A JPEG block's width in pixels. Steps between blocks come from the picture, not from noise."""
-_LARGEST = 8  # grey levels; larger differences are the picture's, not noise
 
-QUIET = 2.0
 QUIET_PART = 0.25
-"""Noise is compared where a row changes no more over 16 pixels than this multiple of what it does
-over 2, which texture does; and where so much of the picture is such water. A sea floor that goes by
-slowly was frozen by its own texture before: 17 of 24 frames of a drawn reef. Measured: 0.30 of the
-picture and more, close to the tower; of that reef 0.1."""
-_FAR_PX, _TILE_PX = 16, 64
+"""Signs are compared where so much of the picture is `QUIET`. A sea floor that goes by slowly was
+frozen by its own texture before: 17 of 24 frames of a drawn reef. Measured: 0.30 of the picture and
+more, close to the tower; of that reef 0.1."""
 
 GROWS = 2.0
 """A picture is an old one that is so many times as much like those before as any of the last new
@@ -103,18 +98,12 @@ ones was. Noise filtered in time, with gains of 0.3 to 0.85, varies by 1.8 times
 STAYS = 0.8
 """The multiple of `SAME_NOISE` or `CHANCE` above which a picture is still an old one after another
 one. Measured on new pictures: 0.83 and 0.72 at most."""
-TEXTURED = 1.2
-"""How many times as strong as lately noise is in the last new picture where it is texture that has
-come into view; a vehicle that turns to a wall and stops at once."""
-COMES = 1.3
-"""How many times as strong as in the last new picture, and in the first copy of it, noise is in a
-picture that is no copy: texture that comes into view."""
 _BEFORE = 8  # pictures whose likeness is known
 _FEWEST_KNOWN = 2  # of them that have to be
 _FEWEST_OTHERS = 5  # pictures, of which the lower quarter tells what is by chance
 
 _NONE, _ALL = np.uint64(0), np.uint64(2**64 - 1)  # of a tile's pixels
-_INSIDE = np.full(8, 2 ** (_BLOCK - _LAG) - 1, np.uint8).view(np.uint64)
+_INSIDE = np.full(8, 2 ** (_BLOCK - LAG_PX) - 1, np.uint8).view(np.uint64)
 """Those that do not reach into the next JPEG block."""
 
 
@@ -155,22 +144,22 @@ def _look(picture: U8) -> _Look:
     if rows.shape[1] < _FEWEST_WORDS * _WORD:
         none = np.zeros((2, len(rows), 0), np.uint64)
         return _Look(rows, none[0], none, 0.0)
-    hashes, signs = KERNELS.row_marks(rows, _weights(rows.shape[1]), _LAG, _LARGEST)
+    hashes, signs = KERNELS.row_marks(rows, _weights(rows.shape[1]), LAG_PX, LARGEST)
     signs &= _INSIDE
-    inside = signs[0].size * _TILE_PX * (_BLOCK - _LAG) / _BLOCK
+    inside = signs[0].size * TILE_PX * (_BLOCK - LAG_PX) / _BLOCK
     return _Look(rows, hashes, signs, int(np.bitwise_count(signs).sum()) / max(inside, 1))
 
 
 def _quiet(rows: U8) -> U64:
-    """Where rows show noise alone: they change no more over some pixels than over `_LAG`."""
-    wide = max(rows.shape[1] - _LAG, 0) // _TILE_PX * _TILE_PX  # of whole tiles
-    earlier, later = rows[:, :wide], rows[:, _LAG : wide + _LAG]
+    """Where rows show noise alone: they change no more over some pixels than over `LAG_PX`."""
+    wide = max(rows.shape[1] - LAG_PX, 0) // TILE_PX * TILE_PX  # of whole tiles
+    earlier, later = rows[:, :wide], rows[:, LAG_PX : wide + LAG_PX]
     if not earlier.size:
         return np.zeros((len(rows), 0), np.uint64)
     far = np.zeros(earlier.shape, np.uint8)
-    far[:, _FAR_PX:] = cv2.absdiff(earlier[:, _FAR_PX:], earlier[:, :-_FAR_PX])
+    far[:, FAR_PX:] = cv2.absdiff(earlier[:, FAR_PX:], earlier[:, :-FAR_PX])
     near, over = (
-        cv2.reduce(each.reshape(-1, _TILE_PX), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
+        cv2.reduce(each.reshape(-1, TILE_PX), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
         for each in (cv2.absdiff(earlier, later), far)
     )
     tiles = over <= QUIET * near
@@ -226,37 +215,6 @@ class _Likeness:
         self._of_new.append(like)
 
 
-class _Texture:
-    """Texture as fine as noise, which comes again in the next picture as well, as no copy."""
-
-    def __init__(self) -> None:
-        self._moved: deque[bool] = deque(maxlen=_BEFORE)
-        self._strengths: deque[F32] = deque(maxlen=_BEFORE)  # of noise and texture
-        self._first_copy: F32 | None = None
-
-    def add(self, noise: Noise, common: Common | None) -> None:
-        """Learn from a new picture, which has this in common with the one before."""
-        self._moved.append(common is not None and common.moved)
-        self._strengths.append(noise.strength)
-        self._first_copy = None
-
-    def is_in_view(self, copy: Noise) -> bool:
-        """Whether what is like the last new picture may be texture: there was some, or is."""
-        if not self._strengths:
-            return False
-        last = self._strengths[-1]
-        usual = np.median(np.stack(self._strengths), axis=0)
-        if any(self._moved) or _is_stronger(last, usual, TEXTURED):
-            return True
-        if self._first_copy is None:
-            self._first_copy = copy.strength
-        return _is_stronger(copy.strength, np.maximum(last, self._first_copy), COMES)
-
-
-def _is_stronger(strength: F32, than: F32, factor: float) -> bool:
-    return bool(np.median(strength / np.maximum(than, 1e-3)) > factor)
-
-
 class _Camera:
     """The last pictures of one camera, when the last new one came, and how often since."""
 
@@ -271,7 +229,8 @@ class _Camera:
         self._noisy = 0  # pictures that it was given
         self._noise: Noise | None = None  # of the last new picture
         self._shown: Noise | None = None  # of the last one
-        self._texture = _Texture()
+        # Whether new pictures had something in common that had moved: texture as fine as noise.
+        self._textured: deque[bool] = deque(maxlen=_BEFORE)
         self._likeness = _Likeness(), _Likeness()  # of signs, and of noise
         self._new: _Look | None = None  # the last new one's, until it is prepared for
 
@@ -284,7 +243,8 @@ class _Camera:
             shape = REMEMBERED, *_fewer(look.signs).shape
             self._signs, self._noisy = np.zeros(shape, np.uint64), 0
             self._likeness = _Likeness(), _Likeness()  # of signs, and of noise
-            self._texture, self._noise = _Texture(), None
+            self._noise = None
+            self._textured.clear()
         # Hashes first: they differ in any two frames of a live camera.
         elif (self._known[self._place] == look.hashes).all() and np.array_equal(last, picture):
             return self._repeated(frame, limits)
@@ -339,12 +299,11 @@ class _Camera:
             before.is_of_old(like, self._again)
             for before, like in zip(self._likeness, likes, strict=True)
         )
-        if alike and (noise is None or not self._texture.is_in_view(noise)):
+        if alike and not any(self._textured):
             return "gives an earlier picture again with the same noise"
         self._likeness[0].add(likes[0])
         self._likeness[1].add(None if common is None else common.somewhere)
-        if noise is not None:
-            self._texture.add(noise, common)
+        self._textured.append(common is not None and common.moved)
         return ""
 
     def _common(self, noise: Noise | None) -> Common | None:

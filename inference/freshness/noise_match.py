@@ -25,15 +25,18 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, U8, Bools
 
-_TILE_PX, _LAG, _FAR_PX = 64, 2, 16
+TILE_PX = 64  # side of a tile, and the length of a row that is quiet or not
+LAG_PX = 2  # between the pixels whose difference shows the noise
 _DOWN, _ACROSS = 3, 4  # tiles
 _MARGIN = 0.08  # of the height and the width, where lenses are dark and captions stand
-_LARGEST = 8  # grey levels; larger differences are the picture's, not noise
-_FEWEST_PAIRS, _FEWEST_PAIRS_EVERYWHERE = 2, 4
+LARGEST = 8  # grey levels; larger differences are the picture's, not noise
+_FEWEST_PAIRS = 2
+_FEWEST_EVERYWHERE = 4  # pairs of tiles that tell whether something is everywhere
 
+FAR_PX = 16
 QUIET = 2.0
-"""Noise is looked for in tiles that change no more over 16 pixels than this multiple of what they
-do over 2, which texture does."""
+"""Noise is looked for where a picture changes no more over `FAR_PX` than this multiple of what it
+does over `LAG_PX`, which texture does."""
 
 CHANCE = 0.125
 """What new noise has in common with other noise at the best of all shifts, at most, over the square
@@ -53,20 +56,19 @@ class Noise(NamedTuple):
 
     phases: NDArray[np.complex64]  # (pairs, 64, 64), of length 1; 0 where neither tile is quiet
     quiet: Bools  # (tiles,): where there is noise and nothing else
-    strength: F32  # (tiles,): mean difference over 2 pixels, in grey levels
 
 
 class Common(NamedTuple):
     """What two pictures have in common."""
 
-    like: float  # as a multiple of `CHANCE`, of what is everywhere
-    somewhere: float  # the same of what may be in one place
+    like: float  # what is everywhere, as a multiple of `CHANCE`; 0 where too few tiles tell
+    somewhere: float  # what may be in one place, as that multiple
     moved: bool  # whether something is at another place in the one than in the other
 
 
 @lru_cache(maxsize=1)
 def _window() -> F32:
-    return np.asarray(cv2.createHanningWindow((_TILE_PX, _TILE_PX), cv2.CV_32F), np.float32)
+    return np.asarray(cv2.createHanningWindow((TILE_PX, TILE_PX), cv2.CV_32F), np.float32)
 
 
 @lru_cache(maxsize=8)
@@ -74,10 +76,10 @@ def _corners(height: int, width: int) -> list[tuple[int, int]]:
     """Row and column at the top left of each tile; none of a picture that is too small."""
     down, across = (
         np.linspace(_MARGIN * size, (1 - _MARGIN) * size - needed, count).astype(int).tolist()
-        for size, needed, count in ((height, _TILE_PX, _DOWN), (width, _TILE_PX + _LAG, _ACROSS))
+        for size, needed, count in ((height, TILE_PX, _DOWN), (width, TILE_PX + LAG_PX, _ACROSS))
     )
     # None lies on another, so that no noise counts twice.
-    fits = all(places[1] - places[0] >= _TILE_PX for places in (down, across))
+    fits = all(places[1] - places[0] >= TILE_PX for places in (down, across))
     return [(y, x) for y in down for x in across] if fits else []
 
 
@@ -89,24 +91,24 @@ def noise_of(plane: U8, before: Noise | None) -> Noise | None:
     corners = _corners(*plane.shape)
     if not corners:
         return None
-    columns = _TILE_PX + _LAG
-    tiles = np.concatenate([plane[y : y + _TILE_PX, x : x + columns] for y, x in corners])
-    near, far = (_mean_difference(tiles, by) for by in (_LAG, _FAR_PX))
+    columns = TILE_PX + LAG_PX
+    tiles = np.concatenate([plane[y : y + TILE_PX, x : x + columns] for y, x in corners])
+    near, far = (_mean_difference(tiles, by) for by in (LAG_PX, FAR_PX))
     quiet = far <= QUIET * near
-    fine = np.subtract(tiles[:, _LAG:], tiles[:, :-_LAG], dtype=np.float32)
-    fine = np.clip(fine, -_LARGEST, _LARGEST, out=fine).reshape(-1, _TILE_PX, _TILE_PX)
+    fine = np.subtract(tiles[:, LAG_PX:], tiles[:, :-LAG_PX], dtype=np.float32)
+    fine = np.clip(fine, -LARGEST, LARGEST, out=fine).reshape(-1, TILE_PX, TILE_PX)
     used = quiet if before is None else quiet | before.quiet
     fine *= _window() * (used / np.maximum(near, 1e-3))[:, None, None]
     # Two tiles as the parts of complex numbers, so that the sum of their correlations is the real
     # part of one. Both count as much.
-    pairs = np.empty((len(fine) // 2, _TILE_PX, _TILE_PX, 2), np.float32)
+    pairs = np.empty((len(fine) // 2, TILE_PX, TILE_PX, 2), np.float32)
     pairs[..., 0], pairs[..., 1] = fine[0::2], fine[1::2]
     for pair in pairs:
         cv2.dft(pair, dst=pair)
     phases = pairs.view(np.complex64)[..., 0]
     lengths = np.abs(phases)
     phases *= 1 / (lengths + 1e-3 * lengths.max() + 1e-6)
-    return Noise(phases, quiet, near)
+    return Noise(phases, quiet)
 
 
 def _mean_difference(tiles: U8, by: int) -> F32:
@@ -127,7 +129,7 @@ def in_common(old: Noise | None, new: Noise | None) -> Common | None:
     by_shift = _correlation(shared.sum(axis=0))
     best = int(by_shift.argmax())
     like = somewhere = float(by_shift.flat[best]) / (CHANCE * math.sqrt(pairs))
-    if pairs < _FEWEST_PAIRS_EVERYWHERE:
+    if pairs < _FEWEST_EVERYWHERE:
         like = 0.0
     elif somewhere > CHECKED:
         like = min(somewhere, _everywhere(shared[shared[:, 1, 1] != 0], best))
@@ -136,7 +138,7 @@ def in_common(old: Noise | None, new: Noise | None) -> Common | None:
 
 def _correlation(shared: NDArray[np.complex64]) -> F32:
     """Correlation of phases by shift, shape (64, 64), from the product of two spectra."""
-    parts = np.ascontiguousarray(shared).view(np.float32).reshape(_TILE_PX, _TILE_PX, 2)
+    parts = np.ascontiguousarray(shared).view(np.float32).reshape(TILE_PX, TILE_PX, 2)
     return np.asarray(cv2.idft(parts, flags=cv2.DFT_SCALE)[..., 0], np.float32)
 
 

@@ -114,7 +114,7 @@ SPECKS = 4.2
 says. Left and right view of frames 1 to 131 and 205 to 246: 4.0 and 5.2 at least, of all but one
 4.3 and 5.5. A light with a camera's noise and nothing in it, or a view blurred under such noise:
 4.0 at most."""
-_SPECK_WIDTH = 340  # of the view, in pixels, so that a speck is a pixel or a few
+_SPECK_WIDTH = 340  # of the view at most, in pixels, so that a speck is a pixel or a few
 _SPECK_PART = 2.3e-4  # of the pixels, 20 of them
 _SPECK_PX, _AROUND_PX, _LOCAL_PX = 3, 9, 61
 _BLACK_GREY = 3.0  # grey levels that are added before the logarithm: differences below are noise
@@ -217,14 +217,17 @@ def _specks(view: F32) -> float:
     Water has specks in it, which scatter the lamps' light. Noise has no such tail: where that is
     all there is, no match does not mean that nothing is there.
     """
-    size = _SPECK_WIDTH, max(_SPECK_WIDTH * view.shape[0] // view.shape[1], 1)
+    width = min(_SPECK_WIDTH, view.shape[1])
+    size = width, max(width * view.shape[0] // view.shape[1], 1)
     small = np.asarray(cv2.resize(view, size, interpolation=cv2.INTER_AREA), np.float32)
     fine = cv2.blur(small, (_SPECK_PX, _SPECK_PX)) - cv2.blur(small, (_AROUND_PX, _AROUND_PX))
     # The mean of what is normally distributed, without its sign, is 0.8 standard deviations.
     noise = cv2.blur(np.abs(fine), (_LOCAL_PX, _LOCAL_PX)) * math.sqrt(math.pi / 2)
     inside = np.s_[_AROUND_PX:-_AROUND_PX, _AROUND_PX:-_AROUND_PX]
     brightness = (fine[inside] / np.maximum(noise[inside], 1e-3)).ravel()
-    last = max(len(brightness) - 1 - int(_SPECK_PART * len(brightness)), 0)
+    if not len(brightness):  # a view of a few rows or columns
+        return 0.0
+    last = len(brightness) - 1 - int(_SPECK_PART * len(brightness))
     return float(np.partition(brightness, last)[last])
 
 

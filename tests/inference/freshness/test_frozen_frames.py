@@ -135,9 +135,7 @@ def test_a_wall_before_a_vehicle_on_station_is_no_frozen_picture(number, slows, 
     before = [water(LIGHT) for _ in range(12)]
     pictures = [wall(number, at, min(n / 10, 1.0)) for n, at in enumerate(places)]
     told = faults([*before, *pictures, pictures[-3], pictures[-2]])
-    coming = told[12:22]  # as it comes into view it may be taken for a picture given noise
-    assert sum(map(bool, coming)) <= 4 and not any(told[:12] + told[22:-2])
-    assert all("earlier picture again" in words for words in told[-2:])
+    assert not any(told[:-2]) and all("earlier picture again" in words for words in told[-2:])
 
 
 LAMP = np.where(

@@ -249,6 +249,12 @@ def test_a_view_of_noise_in_which_nothing_is_matched_has_seen_nothing(stereo, bl
     assert found.vetoes_clear == (blind == "left")
 
 
+@pytest.mark.parametrize("part", [np.s_[500:520], np.s_[:, 500:520], np.s_[500:530, 500:530]])
+def test_views_of_a_few_rows_or_columns_have_seen_nothing(part):
+    fault = open_water_fault(*(view[part] for view in lit_sea(1)))
+    assert fault is not None and fault.vetoes_clear
+
+
 @pytest.mark.mission
 @pytest.mark.study
 def test_no_labelled_frame_of_the_sea_trial_is_clear_and_no_water_an_obstacle(
@@ -263,8 +269,8 @@ def test_no_labelled_frame_of_the_sea_trial_is_clear_and_no_water_an_obstacle(
         said[number] = [status(detector.detect(frame)) for detector in detectors]
     tower = labelled(mission / "labels.csv")
     assert len(tower) == 107
-    for which in range(len(detectors)):
+    for which, most_unknown in enumerate((3, 5)):  # water in which a speck or two is too faint
         seen = [said[number][which] for number in tower]
         assert 0 not in seen and seen.count(-1) <= 4  # pushbroom: between two of its distances
         water = [said[number][which] for number in range(1, 132)]
-        assert 1 not in water and water.count(-1) <= 5
+        assert 1 not in water and water.count(-1) <= most_unknown
