@@ -149,7 +149,7 @@ _WHOLE = SightMap(np.zeros((10, 10), np.uint8))
 
 @dataclass(frozen=True)
 class _Measured:
-    """The map of the last picture of one side, with what it was measured on where that was given."""
+    """The map of the last picture of one side, and what it was measured on where that was given."""
 
     number: int
     t: float
