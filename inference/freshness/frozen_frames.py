@@ -15,8 +15,8 @@ What cannot be told from a new picture:
 - A picture that moves too, in a ring of several; one that is zoomed by more than 1 % from each
   picture to the next; one with noise put on top that has moved by more than half a tile.
 - One with noise of more than 4 grey levels put on top, or compressed below quality 70 (85 in
-  pictures 360 wide) each time; part of a picture compressed otherwise each time, at times; one that
-  lost its noise and was given other noise.
+  pictures 360 wide, 90 where it moves too) each time; part of a picture compressed otherwise each
+  time, at times; one that lost its noise and was given other noise.
 - An old picture in a stream whose compression leaves no noise (`NOISY`), where no more than
   `MOSTLY_SAME` of it stays as it was. JPEG of quality 75 leaves none where the noise is below 1.5
   grey levels.
