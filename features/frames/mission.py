@@ -13,6 +13,7 @@ from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, os_errors_as
 
 from .image_file import SUFFIXES, check_bits, decode_image
+from .view_mask import CameraMasks, read_masks
 
 LEFT, RIGHT = "left", "right"
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".m4v", ".webm"})
@@ -38,6 +39,10 @@ class Mission(Protocol):
     @property
     def cameras(self) -> tuple[str, ...]:
         """``("left", "right")`` or ``("left",)``."""
+
+    @property
+    def masks(self) -> CameraMasks:
+        """What is no view in its cameras' pictures, by the file beside its frames."""
 
     def frames(self, camera: str = LEFT) -> list[int]:
         """Frame numbers of one camera, in numeric order."""
@@ -119,6 +124,7 @@ class FolderMission:
         if not self._files.get(LEFT):
             raise ToktError(f"mission {path} has no frames (looked for images in it and in Left/)")
         self.cameras = tuple(self._files)
+        self.masks = read_masks(path)
 
     def file(self, frame: int, camera: str = LEFT) -> Path:
         """The image file of one frame. Raises FrameError if there is no such frame."""
@@ -158,6 +164,7 @@ class VideoMission:
         self._count = self._readable = count
         kind = int(self._capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT))
         self._has_16_bits = kind >> 24 == _BITS_16
+        self.masks = read_masks(path)
         self.frames_per_second = float(self._capture.get(cv2.CAP_PROP_FPS)) or None
 
     def frames(self, camera: str = LEFT) -> list[int]:
