@@ -145,6 +145,14 @@ class SourceConfig:
     split: str | None = option(
         None, "Each picture holds both cameras' views: left-right.", "LAYOUT", only=VIDEO
     )
+    mask: list[str] | None = option(
+        None,
+        "What is no view, such as a burned-in clock: a picture in which that is white, or a box "
+        "X,Y,WIDTH,HEIGHT. In parts of the view, 0.7,0,0.3,0.1; in pixels of a frame, "
+        "952,0,408,102@1360x1024. Repeatable; left: or right: before it names one camera. model is "
+        "what was masked in training, none is nothing. Default: the mask beside recorded frames.",
+        "PICTURE|BOX|model|none",
+    )
     nmea: str | None = option(
         None,
         "Read the vehicle's place by NMEA: udpin:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].",

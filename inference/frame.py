@@ -4,14 +4,18 @@ A source delivers frames in order, and a frame that cannot be read as a frame wi
 instead of a picture: it never raises for one, and never leaves one out.
 """
 
+from __future__ import annotations
+
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from tokt.features.common.arrays import U8
+from tokt.features.frames.view_mask import CameraMasks, ViewMask
 
 from .reason import NO_FAULT, Fault, Reason
 
@@ -44,6 +48,25 @@ class Frame:
     # Seconds since 1970 (UTC) when it was taken, by the clock of the camera or of its server; None
     # where that does not tell.
     captured_t: float | None = None
+    # What is no view of the pictures, which are as the cameras gave them.
+    masks: CameraMasks | None = None
+
+    @cached_property
+    def covered(self) -> Frame:
+        """The frame as detectors look at it: what is no view is covered in its pictures."""
+        if not self.masks:
+            return self
+        left, right = (
+            picture
+            if picture is None or mask is None or shape_fault(picture)
+            else mask.cover(picture)
+            for picture, mask in ((self.left, self.masks.left), (self.right, self.masks.right))
+        )
+        return replace(self, left=left, right=right)
+
+    def mask(self, side: str) -> ViewMask | None:
+        """What is no view on one side, ``"left"`` or ``"right"``."""
+        return None if self.masks is None else self.masks.of(side)
 
 
 class Source(Protocol):

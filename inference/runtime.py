@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from tokt.features.frames.view_mask import CameraMasks
 from tokt.inference.links.vehicle import VehiclePlace
 from tokt.inference.policy.policy import Policy
 
@@ -177,6 +178,7 @@ class Runtime:
     between: Callable[[], Sequence[Event]] = tuple
     alive: Callable[[], None] = lambda: None
     place: Callable[[], VehiclePlace] = VehiclePlace
+    masks: CameraMasks | None = None  # what is no view; None leaves what the source says
 
     def __post_init__(self) -> None:
         self._stuck_frames = StuckFrameDetector(self.limits)
@@ -226,6 +228,8 @@ class Runtime:
 
     def _judge(self, frame: Frame, left_out: int, summary: Summary) -> None:
         self._publisher.begin(frame)
+        if self.masks is not None:
+            frame = replace(frame, masks=self.masks)
         if self.source.live:
             frame = self._stale_frames.remove(frame)
         frame = self._stuck_frames.remove(frame)

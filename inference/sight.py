@@ -31,8 +31,14 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8, Bools
 from tokt.features.extractors.frame_pictures import gray_picture
-from tokt.features.extractors.patch_detail import MEASURES, PatchDetail, patch_detail
+from tokt.features.extractors.patch_detail import (
+    MEASURES,
+    PatchDetail,
+    masked_patches,
+    patch_detail,
+)
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.view_mask import ViewMask
 from tokt.features.kernels.quantization import STEPS_PER_LEVEL
 from tokt.models.sight import (
     ANY_CAMERA,
@@ -49,7 +55,8 @@ from .reason import NO_FAULT, Fault, Reason
 
 DARK, SATURATED, FLAT = "dark", "saturated", "flat"
 SMEARED, BLURRED, DAMAGED = "smeared", "blurred", "damaged"
-CAUSES = ("", DARK, SATURATED, FLAT, SMEARED, BLURRED, DAMAGED)
+MASKED = "masked"
+CAUSES = ("", DARK, SATURATED, FLAT, SMEARED, BLURRED, DAMAGED, MASKED)
 """The causes for which a patch is not seen; a map has their places here, 0 where it is seen."""
 _REASONS = {
     DARK: Reason.DARK,
@@ -64,6 +71,7 @@ FLAT_GREY = 0.02
 """Grey levels: a patch whose pixels differ by less from all those around is of one level. Measured:
 0.24 and more on the sea trial, with its noise of less than one level."""
 
+_MASKED = CAUSES.index(MASKED)
 _NO_PICTURE = [CAUSES.index(cause) for cause in (DARK, SATURATED, FLAT)]
 _NOISE = [MEASURES.index(name) for name in ("noise_across", "noise_down")]
 _COARSE = MEASURES.index("coarse")
@@ -90,15 +98,25 @@ class SightMap:
 
     @property
     def share(self) -> float:
-        """Part of the patches that are seen, 0 to 1."""
+        """Part of all patches that are seen, 0 to 1."""
         return float(self.seen.mean())
+
+    @property
+    def masked(self) -> Bools:
+        """The patches that are no view, (rows, cols)."""
+        return np.asarray(self.causes == _MASKED)
+
+    @cached_property
+    def _unseen(self) -> Bools:
+        """The patches in view that are not seen."""
+        return np.asarray((self.causes != 0) & ~self.masked)
 
     @cached_property
     def blind(self) -> BlindGroup | None:
-        """The largest group that is not seen, and the cause that most of it has; None of none."""
-        if not self.causes.any():
+        """The largest group in view that is not seen, and its most frequent cause; None of none."""
+        if not self._unseen.any():
             return None
-        largest = largest_group(self.causes != 0)
+        largest = largest_group(self._unseen)
         causes = np.bincount(self.causes[largest.patches])
         return BlindGroup(largest.size, CAUSES[int(causes.argmax())], largest.box)
 
@@ -108,17 +126,19 @@ class SightMap:
         blind = self.blind
         if blind is None:
             return NO_FAULT
-        unseen, (rows, cols) = self.causes != 0, self.causes.shape
-        if not hides_too_much(unseen):
+        rows, cols = self.causes.shape
+        if not hides_too_much(self._unseen, self.masked):
             return NO_FAULT
-        count = int(unseen.sum())
-        words = f"{count} of {rows * cols} patches are not seen, {blind.patches} of them together"
+        count, of = int(self._unseen.sum()), int((~self.masked).sum())
+        words = f"{count} of {of} patches are not seen, {blind.patches} of them together"
         words = f"{blind.cause}: {words}, {_place(blind, rows, cols)}"
         return Fault(_REASONS[blind.cause], words)
 
     def to_fields(self) -> dict[str, tuple[float, ...]]:
         """The ``sight`` of a verdict."""
         seen: dict[str, tuple[float, ...]] = {"seen": (round(self.share, 3),)}
+        if self.masked.any():
+            seen["masked"] = (round(float(self.masked.mean()), 3),)
         if self.blind is None:
             return seen
         rows, cols = self.causes.shape
@@ -128,7 +148,7 @@ class SightMap:
     @property
     def is_blind(self) -> bool:
         """True where no patch has any picture, so that what a detector finds is nothing."""
-        return bool(np.isin(self.causes, _NO_PICTURE).all())
+        return bool(np.isin(self.causes[~self.masked], _NO_PICTURE).all())
 
 
 def _place(blind: BlindGroup, rows: int, cols: int) -> str:
@@ -191,7 +211,7 @@ class SightMeter:
         """
         picture, last = getattr(frame, side), self._last.get(side)
         if last is None or not last.is_of(frame, picture):
-            sight = self.measure(picture, gray16)
+            sight = self.measure(picture, gray16, frame.mask(side))
             last = self._last[side] = _Measured(frame.number, frame.t, picture, gray16, sight)
         return last.sight
 
@@ -207,11 +227,22 @@ class SightMeter:
             return gray_picture(picture, grid)
         return np.asarray((last.gray16 + STEPS_PER_LEVEL // 2) // STEPS_PER_LEVEL, np.uint8)
 
-    def measure(self, picture: U8, gray16: NDArray[np.uint16] | None = None) -> SightMap:
-        """Map what is seen of a picture, uint8 (height, width) or (height, width, 3)."""
-        detail = patch_detail(picture, gray16)
+    def measure(
+        self, picture: U8, gray16: NDArray[np.uint16] | None = None, mask: ViewMask | None = None
+    ) -> SightMap:
+        """Map what is seen of a picture, uint8 (height, width) or (height, width, 3).
+
+        Where it has a mask it is covered already.
+        """
+        masked = masked_patches(picture, mask)
+        detail = patch_detail(picture, gray16, masked)
+        if detail is None:
+            return _WHOLE
         limits = limits_for(self.limits, picture.shape[1]) or self._otherwise
-        return _WHOLE if detail is None else _map(detail, limits)
+        causes = _causes(detail, limits)
+        if masked is not None:
+            causes[masked] = _MASKED
+        return SightMap(causes)
 
 
 def stereo_meter() -> SightMeter:
@@ -219,7 +250,7 @@ def stereo_meter() -> SightMeter:
     return SightMeter(otherwise=ANY_CAMERA)
 
 
-def _map(detail: PatchDetail, limits: SightLimits) -> SightMap:
+def _causes(detail: PatchDetail, limits: SightLimits) -> NDArray[np.uint8]:
     """Name each patch's cause; of several the one that stands last here."""
     over = detail.measures > limits.limits
     causes = np.zeros(detail.level.shape, np.uint8)
@@ -233,4 +264,4 @@ def _map(detail: PatchDetail, limits: SightLimits) -> SightMap:
     causes[detail.difference < FLAT_GREY] = CAUSES.index(FLAT)
     causes[detail.bright >= BRIGHT_PART] = CAUSES.index(SATURATED)
     causes[detail.level < limits.darkest] = CAUSES.index(DARK)
-    return SightMap(causes)
+    return causes

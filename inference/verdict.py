@@ -131,7 +131,8 @@ class Verdict:
     # Of an object that somebody named: held, searching or lost (`policy.object_tracker`).
     anchor: str | None = None
     # Of the left view: ``seen``, the part of it, 0..1; ``blind``, the box around the largest group
-    # of patches that are not, as parts of its width and height, if there is one.
+    # of patches that are not, as parts of its width and height, if there is one; ``masked``, the
+    # part of it that is no view, if there is any.
     sight: Mapping[str, tuple[float, ...]] | None = None
 
 

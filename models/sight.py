@@ -7,6 +7,7 @@ patch above one of them shows less than the training frames' emptiest water did.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -17,7 +18,13 @@ import numpy as np
 
 from tokt.features.common.arrays import U8, Bools
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.patch_detail import MEASURES, PatchDetail, patch_detail
+from tokt.features.extractors.patch_detail import (
+    MEASURES,
+    PatchDetail,
+    masked_patches,
+    patch_detail,
+)
+from tokt.features.frames.view_mask import ViewMask
 
 FORMAT_VERSION = 1
 
@@ -117,22 +124,27 @@ BRIGHT_PART = 0.5
 _BLURRED_EVERY = 6  # training frames, one is blurred
 
 
-def measure_sight(frames: Iterable[U8]) -> tuple[SightLimits, ...]:
+def measure_sight(
+    frames: Iterable[U8], masks: Iterable[ViewMask | None] = itertools.repeat(None)
+) -> tuple[SightLimits, ...]:
     """Measure limits for each size of some frames.
 
     Parameters
     ----------
     frames : iterable of array of uint8, shape (height, width) or (height, width, 3)
-        As the camera gave them. Those that are too small for patches are passed over.
+        As the camera gave them, or covered. Those that are too small for patches are passed over.
+    masks : iterable of ViewMask or None, optional
+        What is no view of each.
     """
     sizes: dict[tuple[int, int], tuple[list[PatchDetail], list[PatchDetail]]] = {}
-    for frame in frames:
-        detail = patch_detail(frame)
+    for frame, mask in zip(frames, masks, strict=False):
+        masked = masked_patches(frame, mask)
+        detail = patch_detail(frame, masked=masked)
         if detail is None:
             continue
         sharp, blurred = sizes.setdefault((frame.shape[0], frame.shape[1]), ([], []))
         if len(sharp) % _BLURRED_EVERY == 0:
-            tried = (patch_detail(_blurred(frame, by)) for by in _BLURRED_BY)
+            tried = (patch_detail(_blurred(frame, by), masked=masked) for by in _BLURRED_BY)
             blurred += [one for one in tried if one is not None]
         sharp.append(detail)
     return tuple(SightLimits.of(*size, *details) for size, details in sorted(sizes.items()))
@@ -161,14 +173,21 @@ def largest_group(patches: Bools) -> PatchGroup:
     return PatchGroup(labels == largest, size, (left, top, width, height))
 
 
-def hides_too_much(unseen: Bools) -> bool:
-    """Tell whether a frame is not clear with these patches unseen, shape (rows, cols)."""
+def hides_too_much(unseen: Bools, masked: Bools | None = None) -> bool:
+    """Tell whether a frame is not clear with these patches unseen, shape (rows, cols).
+
+    Masked patches are left out on purpose: they are no part of the view.
+    """
+    view = np.ones_like(unseen) if masked is None else ~masked
+    unseen = unseen & view
     if not unseen.any():
         return False
     rows, cols = unseen.shape
-    middle = unseen[rows // 2 - 2 : rows // 2 + 2, cols // 2 - 2 : cols // 2 + 2]
-    together = largest_group(unseen).size / unseen.size
-    return bool(unseen.mean() > MAX_UNSEEN or together > MAX_TOGETHER or middle.mean() > MAX_MIDDLE)
+    middle = np.s_[rows // 2 - 2 : rows // 2 + 2, cols // 2 - 2 : cols // 2 + 2]
+    part = unseen.sum() / view.sum()
+    together = largest_group(unseen).size / view.sum()
+    ahead = unseen[middle].sum() / max(view[middle].sum(), 1)
+    return bool(part > MAX_UNSEEN or together > MAX_TOGETHER or ahead > MAX_MIDDLE)
 
 
 def sight_words(limits: Sequence[SightLimits]) -> str:

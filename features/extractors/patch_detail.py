@@ -17,8 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I64, U8
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.frames.grid import MAX_PICTURE, Grid
+from tokt.features.frames.view_mask import ViewMask
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import STEPS_PER_LEVEL
 
@@ -79,7 +80,18 @@ def detail_grid(width: int) -> Grid:
     return DETAIL_GRID if width >= (DETAIL_GRID.width or 0) else replace(DETAIL_GRID, width=None)
 
 
-def patch_detail(frame: U8, gray16: NDArray[np.uint16] | None = None) -> PatchDetail | None:
+def masked_patches(frame: U8, mask: ViewMask | None) -> Bools | None:
+    """The patches that are measured and masked, (rows, cols); None where none is."""
+    if mask is None or min(frame.shape[:2]) < _LEAST_PATCH_PX * DETAIL_GRID.rows:
+        return None
+    grid = detail_grid(frame.shape[1])
+    size = grid.resized(*frame.shape[:2])
+    return mask.patches(grid, *size) if min(size) >= _LEAST_PATCH_PX * grid.rows else None
+
+
+def patch_detail(
+    frame: U8, gray16: NDArray[np.uint16] | None = None, masked: Bools | None = None
+) -> PatchDetail | None:
     """Measure a frame's patches.
 
     Parameters
@@ -88,6 +100,9 @@ def patch_detail(frame: U8, gray16: NDArray[np.uint16] | None = None) -> PatchDe
         As the camera gave it.
     gray16 : array of uint16, optional
         `FramePictures.gray16` of this frame on `detail_grid`, where the caller has it.
+    masked : array of bool, shape (rows, cols), optional
+        As `masked_patches` gives it: these say nothing about those beside them, and have the mean
+        of the others.
 
     Returns
     -------
@@ -113,19 +128,28 @@ def patch_detail(frame: U8, gray16: NDArray[np.uint16] | None = None) -> PatchDe
     squares = KERNELS.curvature_sums(gray16, grid, _COARSE_LAGS)
     pixels = math.prod(grid.patch_size(*gray16.shape)) * STEPS_PER_LEVEL**2
     coarse = squares.reshape(grid.rows, grid.cols, -1) / pixels
+    view = np.ones(repeated.shape, bool) if masked is None else ~masked
+    for each in (mean, coarse, repeated):
+        each[~view] = each[view].mean(axis=0)
     differences = mean[..., 2:]
-    measures = _measures(mean[..., 0], differences, coarse)
+    measures = _measures(mean[..., 0], differences, coarse, view)
     mean_difference = differences.mean(axis=-1)
     return PatchDetail(mean[..., 0], mean[..., 1], mean_difference, repeated, measures)
 
 
-def _measures(level: F64, differences: F64, coarse: F64) -> F64:
-    """`MEASURES` of each patch with its neighbours."""
+def _measures(level: F64, differences: F64, coarse: F64, view: Bools) -> F64:
+    """`MEASURES` of each patch with those of its neighbours that are view."""
     both = np.concatenate(
         [np.sqrt(level + 1)[..., None], differences + _LEAST_DIFFERENCE, coarse + _LEAST_SQUARE],
         axis=-1,
     )
-    around = np.log2(cv2.blur(both, (3, 3), borderType=cv2.BORDER_REFLECT_101))
+    around = cv2.blur(both, (3, 3), borderType=cv2.BORDER_REFLECT_101)
+    if not view.all():
+        weight = view.astype(np.float64)
+        near = cv2.blur(weight, (3, 3), borderType=cv2.BORDER_REFLECT_101)[..., None]
+        some = cv2.blur(both * weight[..., None], (3, 3), borderType=cv2.BORDER_REFLECT_101)
+        around = np.where(near > 0, some / np.maximum(near, 1e-9), both)
+    around = np.log2(around)
     root, fine, squares = around[..., :1], around[..., 1:9], around[..., 9:]
     found = []
     for first in (0, len(_LAGS)):

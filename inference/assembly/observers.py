@@ -14,6 +14,7 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import RunConfig
 from tokt.inference.frame import Source
 from tokt.inference.monitoring.drift import DriftMonitor
+from tokt.inference.monitoring.fixed_marks_watch import FixedMarksWatch
 from tokt.inference.monitoring.receivers import PlaceWatch, ReceiverWatch
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.monitoring.watchdog import restarts
@@ -91,6 +92,7 @@ def open_observers(
     keep(drift)
     keep(counts)
     keep(ReceiverWatch(senders, SYSTEM_CLOCK, events.put))
+    keep(FixedMarksWatch(SYSTEM_CLOCK, events.put))
     if config.source.nmea is not None or config.outputs.mavlink:
         keep(PlaceWatch(SYSTEM_CLOCK, events.put, nmea_fault))
     if config.monitoring.metrics is not None:

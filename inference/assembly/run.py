@@ -20,8 +20,9 @@ from tokt.features.common.address import without_credentials
 from tokt.features.common.errors import ToktError, counted
 from tokt.features.common.terminal import print_json, real_stderr, say, stop_on_signal
 from tokt.features.frames.mission import parse_frames
+from tokt.features.frames.view_mask import CameraMasks, joined, parse_masks
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.config import RunConfig, StereoConfig
+from tokt.inference.config import RunConfig, SourceConfig, StereoConfig
 from tokt.inference.frame import Source
 from tokt.inference.links.vehicle import VehicleState
 from tokt.inference.monitoring.status_line import StatusLine
@@ -130,6 +131,7 @@ def run(config: RunConfig) -> Summary:
             if notifier.dismissed:
                 source.stop()
 
+        masks = _masks(config.source, source, model.bundle)
         runtime = Runtime(
             *(source, assembly.policy, list(senders.values()), SYSTEM_CLOCK),
             observers=looking.observers,
@@ -138,8 +140,9 @@ def run(config: RunConfig) -> Summary:
             between=lambda: [*(() if watch is None else watch.exchange()), *naming.take()],
             alive=alive,
             place=vehicle.place,
+            masks=masks,
         )
-        events.put(_start_event(config, model, source))
+        events.put(_start_event(config, model, source, masks))
         # What was made up to here stays: the collector need not go through it at sea.
         gc.freeze()
         with stop_on_signal(source.stop) as signals:
@@ -202,7 +205,24 @@ def _source(
     return source
 
 
-def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
+def _masks(wanted: SourceConfig, source: Source, model: Bundle | None) -> CameraMasks:
+    """What is no view in a run, and words about it; ToktError if that cannot be meant."""
+    learnt = () if model is None else model.masks
+    beside = source.mission.masks if isinstance(source, MissionSource) else CameraMasks()
+    masks = beside if wanted.mask is None else parse_masks(wanted.mask, learnt)
+    if masks:
+        say(masks.words())
+    if beside and masks != beside:
+        say("note: the mask beside the frames is not used: --mask says another one")
+    if learnt and not masks and wanted.mask is None and model is not None:
+        say(
+            f"WARNING: model {model.label} learnt from pictures with a mask, and this run has "
+            f"none ({joined(learnt).words()}). Use it with --mask model, or say --mask none"
+        )
+    return masks
+
+
+def _start_event(config: RunConfig, model: RunModel, source: Source, masks: CameraMasks) -> Event:
     """How the run begins, for the log."""
     bundle, named = model.bundle, config.source.source
     is_path = not (is_camera_source(named) or is_stream_source(named))
@@ -214,6 +234,7 @@ def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
         model=None if bundle is None else ModelName(bundle.label, bundle.sha256),
         model_fault=model.fault,
         model_note=model.note,
+        masks=masks.to_json() if masks else None,
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
     )
     again = restarts()

@@ -105,7 +105,7 @@ class LiveView(Observer):
         arrived_s = now if frame.arrived is None else frame.arrived
         held = judgement.held if report.verdict.anchor == HELD else None
         seen = frame.left, judgement.mask, judgement.grid, held, self._refused
-        self._put(ViewMoment(report, now, arrived_s, (), *seen))
+        self._put(ViewMoment(report, now, arrived_s, (), *seen, no_view=frame.mask("left")))
 
     def heartbeat(self, report: Report) -> None:
         """Remember that unknown was said."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.view_mask import ViewMask
 from tokt.inference.policy.object_model import Box
 from tokt.inference.report import Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
@@ -24,7 +25,7 @@ WAITING, OLD, ENDED = "WAITING", "OLD", "ENDED"
 
 Colour = tuple[int, int, int]
 _WHITE, _BLACK, _YELLOW, _GREY = (255, 255, 255), (0, 0, 0), (0, 200, 255), (70, 70, 70)
-_GREEN = (120, 255, 120)
+_GREEN, _LIGHT_GREY = (120, 255, 120), (170, 170, 170)
 _COLOURS: dict[str, Colour] = {"OBSTACLE": (30, 30, 200), "CLEAR": (60, 110, 20)}
 _RANKS = {CLEAR: 1, UNKNOWN: 2, OBSTACLE: 3}
 """A column of the strip shows the worst status of its time, 0 where nothing was said."""
@@ -49,6 +50,7 @@ class ViewMoment:
     grid: Grid | None = None
     held: Box | None = None
     refused: str = ""  # why what was drawn last cannot be held
+    no_view: ViewMask | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,8 @@ class ViewState:
     def draw(self, shown: Shown, now: float) -> U8:
         """The picture of a moment: BGR, of one size as long as the frames are, both sides even."""
         frame = np.zeros((540, WIDTH, 3), np.uint8) if self.picture is None else self.picture.copy()
+        if self.moment is not None and self.picture is not None:
+            _draw_mask(frame, self.moment.no_view)
         if shown.word in _COLOURS and self.moment is not None and self.moment.picture is not None:
             _draw_verdict(frame, self.moment)
             _draw_blind(frame, self.moment.report.verdict)
@@ -196,6 +200,18 @@ def _draw_verdict(frame: U8, moment: ViewMoment) -> None:
         start, end = middle.astype(int).tolist(), tip.astype(int).tolist()
         for colour, thick in ((_BLACK, 9), (_WHITE, 4)):
             cv2.arrowedLine(frame, start, end, colour, thick, cv2.LINE_AA, tipLength=0.35)
+
+
+def _draw_mask(frame: U8, mask: ViewMask | None) -> None:
+    """Hatch and darken what is no view."""
+    if mask is None:
+        return
+    height, width = frame.shape[:2]
+    masked = mask.pixels(height, width)
+    frame[masked] //= 2
+    rows, columns = np.ogrid[:height, :width]
+    # The other way than an obstacle's.
+    frame[masked & ((rows - columns) % 16 < 2)] = _LIGHT_GREY
 
 
 def _draw_blind(frame: U8, verdict: Verdict) -> None:

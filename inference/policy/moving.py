@@ -123,6 +123,7 @@ class MovingThings:
     def _picture(self, judgement: Judgement, frame: Frame) -> U8 | None:
         """The left picture in gray, `PATCHES` wide; None where nothing was looked for in it."""
         verdict = judgement.verdict
+        frame = frame.covered  # what runs on in a masked part, such as a clock, is no thing
         if frame.left is None or (verdict.status == UNKNOWN and verdict.reason not in _LOOKED_AT):
             return None
         if min(frame.left.shape[:2]) < MIN_SIDE_PX:

@@ -65,7 +65,7 @@ class Policy(Protocol):
 def guarded(detector: Detector, frame: Frame) -> Detection:
     """Ask a detector; whatever it raises is its reason for not judging."""
     try:
-        return detector.detect(frame)
+        return detector.detect(frame.covered)
     # The one place where any exception is caught: a defect in a detector must cost one verdict,
     # which is then unknown, and never the loop that keeps the vehicle's pilot informed.
     except Exception as error:  # noqa: BLE001

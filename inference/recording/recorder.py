@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.atomic import locked
-from tokt.features.common.errors import os_errors_as, os_words
+from tokt.features.common.errors import ToktError, os_errors_as, os_words
+from tokt.features.frames.view_mask import mask_file, write_masks
 from tokt.inference.clock import Clock
 from tokt.inference.config import RecordingConfig
 from tokt.inference.frame import Frame
@@ -146,7 +147,7 @@ class RecordingWriter:
             fault = self._write(held, clip)
         except OSError as error:
             fault = os_words(error)
-        except ValueError as error:
+        except (ValueError, ToktError) as error:
             fault = str(error)
         with self._changed:
             self.fault = fault
@@ -166,6 +167,8 @@ class RecordingWriter:
         if not self._budget.keeps_reserve(encoded.disk_bytes):
             return RESERVE
         self._folder.write(encoded)
+        if frame.masks and not mask_file(self._folder.folder).exists():
+            write_masks(self._folder.folder, frame.masks)
         self._budget.used_bytes += encoded.disk_bytes
         self.frames += 1
         self.written_bytes += encoded.disk_bytes

@@ -79,6 +79,7 @@ class RunStart:
     anchor: float | None = None  # share of the picture at which an object is to be held
     fixed_boundary: bool = False  # whether the boundary was left where training put it
     moving: str | None = NEAR  # which moving things are avoided; None: nobody looked for them
+    masks: Mapping[str, Any] | None = None  # what is no view, as `CameraMasks.to_json` gives it
     software: Mapping[str, str] = field(default_factory=software)
 
     @classmethod
@@ -117,7 +118,7 @@ def _text(value: Any) -> str:
     return value
 
 
-_LATER = {"model_note": "", "anchor": None, "fixed_boundary": False, "moving": None}
+_LATER = {"model_note": "", "anchor": None, "fixed_boundary": False, "moving": None, "masks": None}
 """What the first logs do not have."""
 _READ: dict[str, Callable[[Any], Any]] = {
     "str": _text,

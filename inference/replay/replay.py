@@ -26,6 +26,7 @@ from typing import Any
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
+from tokt.features.frames.view_mask import CameraMasks
 from tokt.inference.clock import FixedStopwatch
 from tokt.inference.frame import MANY_MISSED, Frame, pixel_mark
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
@@ -188,7 +189,9 @@ class Replay:
             pictures.append((picture, NO_FAULT))
         (left, left_fault), (right, right_fault) = pictures
         views = left, right, left_fault, right_fault
-        return Frame(logged.number, logged.t, *views, logged.missed, timed=logged.timed), ""
+        frame = Frame(logged.number, logged.t, *views, logged.missed, timed=logged.timed)
+        masks = self.run.start.masks
+        return replace(frame, masks=CameraMasks.from_json(masks) if masks else None), ""
 
     def _compared(
         self, logged: LoggedFrame, judgement: Judgement, known: _History, assembly: Assembly

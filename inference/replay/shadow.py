@@ -111,7 +111,8 @@ def _answer(policy: Policy, connection: Connection) -> None:
 def send_frame(connection: Connection, frame: Frame) -> None:
     """Pass a frame on to `receive_frame` at the other end, its pictures without a copy."""
     pictures: list[pickle.PickleBuffer] = []
-    rest = pickle.dumps(frame, protocol=5, buffer_callback=pictures.append)
+    # A copy, without what was covered in it here.
+    rest = pickle.dumps(replace(frame), protocol=5, buffer_callback=pictures.append)
     connection.send((rest, [picture.raw().nbytes for picture in pictures]))
     for picture in pictures:
         connection.send_bytes(picture.raw())

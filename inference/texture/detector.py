@@ -14,12 +14,13 @@ from tokt.features.extractors.patch_detail import detail_grid
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.sight import SightMeter
+from tokt.inference.sight import SightMap, SightMeter
 from tokt.inference.verdict import (
     OBSTACLE,
     STATUS_MEAN_THRESHOLD,
     TEXTURE,
     UNKNOWN,
+    ClassPatches,
     Detection,
     Detector,
 )
@@ -98,6 +99,14 @@ class MofNRun(MofNState):
         )
 
 
+def _in_view(patches: ClassPatches, view: Bools | None) -> ClassPatches:
+    """The patches of each class that are in view, and the classes that have any."""
+    if view is None:
+        return patches
+    inside = {name: tuple(at for at in cells if view[at]) for name, cells in patches.items()}
+    return {name: cells for name, cells in inside.items() if cells}
+
+
 class TextureDetector:
     """Texture: where the frame rule says obstacle, the model's obstacle patches are the mask.
 
@@ -164,19 +173,36 @@ class TextureDetector:
         if self._water.prior is not None:
             boundary = self._water.judge(model.obstacle_score(values))
             values = moved(values, boundary, model.obstacle)
-        found = self._ruled(values, *grid.resized(*frame.left.shape[:2]))
-        fault = sight.fault or self._unlike_training(features)
-        fault = fault or self._never_learnt(features[~model.obstacle_patches(values)])
-        if fault:
-            self._rule.doubt()
-            if found.mask is not None and not found.mask.any():
-                found = replace(found, mask=None, fault=fault, vetoes_clear=True)
-            elif found.mask is not None and sight.fault:
-                found = replace(found, fault=sight.fault)
+        size = grid.resized(*frame.left.shape[:2])
+        mask = frame.mask("left")
+        view = None if mask is None else ~mask.patches(grid, *size).ravel()
+        found = self._ruled(values, *size, view)
+        clear = ~model.obstacle_patches(values)
+        if view is not None:
+            features, clear = features[view], clear[view]
+        found = self._believed(found, sight, features, clear)
         # Of a model without sight the run says it once, so that older logs are judged as they were.
         blind = blindness(self.scorer.sight, width) if self.scorer.sight else ""
         note = "; ".join(filter(None, (found.note, blind)))
         return replace(found, note=note, features=features, boundary=boundary, sight=sight)
+
+    def _believed(
+        self, found: Detection, sight: SightMap, features: F64, clear: Bools
+    ) -> Detection:
+        """Take clear back where nothing proves it; `clear` are the patches that have no obstacle.
+
+        Both arrays are of the patches in view.
+        """
+        fault = sight.fault or self._unlike_training(features)
+        fault = fault or self._never_learnt(features[clear])
+        if not fault:
+            return found
+        self._rule.doubt()
+        if found.mask is not None and not found.mask.any():
+            return replace(found, mask=None, fault=fault, vetoes_clear=True)
+        if found.mask is not None and sight.fault:
+            return replace(found, fault=sight.fault)
+        return found
 
     def _unlike_training(self, features: F64) -> Fault:
         """Why the model says nothing where it sees nothing in such a frame, or an empty string."""
@@ -202,14 +228,19 @@ class TextureDetector:
         )
         return Fault(Reason.NOVEL, words)
 
-    def _ruled(self, values: F64, height: int, width: int) -> Detection:
-        """What the decision values of a frame resized to `height` x `width` come to."""
+    def _ruled(self, values: F64, height: int, width: int, view: Bools | None) -> Detection:
+        """What the decision values of a frame resized to `height` x `width` come to.
+
+        Of patches that are not in `view`, (n_patches,), nothing is said.
+        """
         grid, model = self.scorer.grid, self.scorer.model
-        ruled = self._rule.result(
-            model.obstacle_score(values),
-            model.obstacle_patches(values),
-            min_mask_patches(grid, height, width),
-        )
+        scores, patches = model.obstacle_score(values), model.obstacle_patches(values)
+        if view is not None:
+            scores, patches = np.where(view, scores, -np.inf), patches & view
+        ruled = self._rule.result(scores, patches, min_mask_patches(grid, height, width))
+        classes = _in_view(model.class_patches(values), view) if model.named_classes else None
+        if view is not None:
+            values = np.where(view[:, None], values, np.nan)
         if ruled.patches is None:
             unjudged = self._unjudged(Fault(Reason.FRAME_RULE, ruled.note))
             return replace(unjudged, decision_values=values, vetoes_clear=True)
@@ -220,7 +251,7 @@ class TextureDetector:
             label,
             decision_values=values,
             grid=grid,
-            class_patches=model.class_patches(values) if model.named_classes else None,
+            class_patches=classes,
             note=ruled.note,
         )
 

@@ -53,6 +53,7 @@ from tokt.features.extractors.extractor import Extractor, build_extractor
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image
+from tokt.features.frames.view_mask import CameraMasks, masks_by_mission
 from tokt.features.kernels.quantization import Quantization
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel, moved
@@ -168,6 +169,11 @@ class Bundle(BundleContent):
     def frame_sizes(self) -> tuple[tuple[int, int], ...]:
         """Height and width in pixels of the golden frames, which were frames of its training."""
         return tuple(dict.fromkeys(_png_size(png) for png in self.golden.frames))
+
+    @property
+    def masks(self) -> tuple[CameraMasks, ...]:
+        """What was no view in the missions that it learnt from, of those that had a mask."""
+        return tuple(masks_by_mission(self.content.provenance.get("masks", {})).values())
 
     @property
     def deployment_fault(self) -> str:
