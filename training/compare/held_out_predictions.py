@@ -10,6 +10,7 @@ import pandas as pd
 from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.view_mask import CameraMasks, masks_by_mission
 from tokt.inference.texture.detector import min_mask_patches
 from tokt.models.bundle.bundle import SUFFIX, Bundle, read_bundle
 from tokt.models.operating_point import MofNRule
@@ -73,11 +74,17 @@ def _sorted(table: pd.DataFrame, label: str) -> pd.DataFrame:
     return table.sort_values(PATCH_KEY, ignore_index=True)
 
 
-def _frames(table: pd.DataFrame, truth: Bools, grid: Grid) -> pd.DataFrame:
+def _frames(table: pd.DataFrame, truth: Bools, bundle: Bundle) -> pd.DataFrame:
     """One row a frame, with its kind and its fold."""
     groups = table.assign(clear=~truth).groupby(FRAME_KEY)
     frames = groups.agg(n=("clear", "size"), clear=("clear", "all"), fold=("fold", "first"))
-    sides = [~frames.clear, frames.n == grid.n_patches]
+    masks = masks_by_mission(bundle.content.provenance.get("masks", {}))
+    camera_grid = bundle.grid, *bundle.frame_sizes[0]
+    in_view = [
+        int((~masks.get(name, CameraMasks()).patches(camera, *camera_grid)).sum())
+        for name, camera, _ in frames.index
+    ]
+    sides = [~frames.clear, frames.n == in_view]
     frames["kind"] = np.select(sides, [OBSTACLE_FRAME, OCEAN], NEITHER)
     return frames.reset_index()[[*FRAME_KEY, "kind", "fold"]]
 
@@ -174,7 +181,7 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     first = kept[labels[0]]
     bundles = {label: registry.bundle(label) for label in labels}
     truth = np.asarray(bundles[labels[0]].model.obstacle, bool)[first.target.to_numpy()]
-    series = FrameSeries.of(_frames(first, truth, bundles[labels[0]].grid))
+    series = FrameSeries.of(_frames(first, truth, bundles[labels[0]]))
     # The table is sorted as the series is.
     frame = first.groupby(FRAME_KEY).ngroup().to_numpy(np.int64)
     known = (item for item in list_datasets(workspace / "datasets") if item.hash == wanted)

@@ -1,12 +1,13 @@
 """Predictions of models on labelled missions that none of them learnt from."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from tokt.features.common.arrays import F64, I64, U8, Bools
+from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import pixel_sha256
 from tokt.features.frames.mission import LEFT, Mission, format_frames
@@ -68,7 +69,7 @@ def check_unseen(
 
 
 def _score(
-    bundles: Sequence[Bundle], images: Iterable[tuple[int, U8]], missed: Sequence[int]
+    bundles: Sequence[Bundle], frames: Iterable[Frame], missed: Sequence[int]
 ) -> tuple[list[list[F64]], list[list[bool]], int]:
     """Each model's decision values of whole frames, and whether the runtime would judge these.
 
@@ -78,14 +79,15 @@ def _score(
     values: list[list[F64]] = [[] for _ in bundles]
     judged: list[list[bool]] = [[] for _ in bundles]
     runs = [SinglePolicy(TextureDetector(bundle)) for bundle in bundles]
-    for (number, image), gap in zip(images, missed, strict=True):
-        frame = Frame(number, 0.0, image, None, missed=gap)
+    for each, gap in zip(frames, missed, strict=True):
+        frame = replace(each, missed=gap)
         for bundle, run, its_values, its_judged in zip(bundles, runs, values, judged, strict=True):
             found = run.judge(frame).decision_values
             its_judged.append(found is not None)
-            its_values.append(unjudged_values(bundle, image, number) if found is None else found)
+            its_values.append(unjudged_values(bundle, frame) if found is None else found)
     grid = bundles[0].grid
-    return values, judged, min_mask_patches(grid, *grid.resized(*image.shape[:2]))
+    assert frame.left is not None
+    return values, judged, min_mask_patches(grid, *grid.resized(*frame.left.shape[:2]))
 
 
 def _patches(records: Sequence[LabelRecord]) -> pd.DataFrame:
@@ -119,6 +121,7 @@ def _predictions(
     """A model on the patches of a table; `places` is each one's frame among those scored."""
     cell = (patches.row * bundle.grid.cols + patches.col).to_numpy()
     values, model = np.stack(of_frames)[places, cell], bundle.model
+    scores = np.stack([model.obstacle_score(frame) for frame in of_frames])
     classes, targets = classes_and_targets(model, patches.label.tolist(), truth)
     return ModelPredictions(
         bundle=bundle,
@@ -127,7 +130,8 @@ def _predictions(
         classes=classes,
         error_margin=error_margins(model, values, targets),
         score=model.obstacle_score(values),
-        on_grid=np.stack([model.obstacle_score(frame) for frame in of_frames]),
+        # A masked patch has no value, and exceeds no margin.
+        on_grid=np.where(np.isnan(scores), -np.inf, scores),
         white=white,
         judged=np.array(judged, bool),
         fold_rules=None,
@@ -156,18 +160,19 @@ def predict_missions(
     keys: list[tuple[str, int]] = []
     missed: list[int] = []
     tables, steps, what, unsure, ranges = [], {}, [], 0, {}
-    by_name = {one.name: one.mission for one in sorted(missions, key=lambda one: one.name)}
-    records = {one.name: one.records for one in missions}
+    labelled = {one.name: one for one in missions}
+    by_name = {name: labelled[name].mission for name in sorted(labelled)}
     for name, mission in by_name.items():
         numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
         wanted = set(numbers)
-        used = (r for r in records[name] if r.camera == LEFT and r.frame in wanted)
+        used = (r for r in labelled[name].records if r.camera == LEFT and r.frame in wanted)
         merged = merge_annotators(used).records
         mine = [record for record in merged if record.label != UNSURE]
         if not mine:
             raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
         check_unseen(bundles, mission, numbers, progress)
-        table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
+        in_view = labelled[name].patches_in_view(bundles[0].grid)
+        table = _frames(name, numbers, merged, taxonomy, in_view)
         ranges[name] = known_distances(mission, labelled_approaches(table), stated, progress)
         tables.append(table)
         steps[name] = frame_step(mission.frames(LEFT))
@@ -178,8 +183,11 @@ def predict_missions(
     patches = _patches(sure)
     truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
     scored = progress(keys, len(keys), "scoring")
-    images = ((number, by_name[name].read(number, LEFT)) for name, number in scored)
-    values, judged, white = _score(bundles, images, missed)
+    run = (
+        Frame(number, 0.0, by_name[name].read(number, LEFT), None, masks=by_name[name].masks)
+        for name, number in scored
+    )
+    values, judged, white = _score(bundles, run, missed)
     place = {key: index for index, key in enumerate(keys)}
     places = np.array([place[record.mission, record.frame] for record in sure])
     return ComparedModels(

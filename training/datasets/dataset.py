@@ -11,7 +11,9 @@ On disk, below the workspace::
 The hash is SHA-256 over everything that can change what a model learns: task, grid, taxonomy,
 every patch's label and group, every frame's pixels. It does not cover the dataset's name, nor
 how a frame's file is compressed, nor the missions' `sites`, which are only there where some were
-given: they say how to test, not what is learnt. `unsure` patches are counted, never stored.
+given: they say how to test, not what is learnt. `unsure` patches are counted, never stored. The
+missions' `masks`, where there are any, are covered by the hash: frames are stored as the camera
+gave them, and read with what is no view covered.
 
 To change the format: raise FORMAT_VERSION, keep reading the old one, prove it with a test.
 """
@@ -35,6 +37,7 @@ from tokt.features.common.errors import ToktError, check_format, naming, os_erro
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, pixel_sha256
+from tokt.features.frames.view_mask import CameraMasks, ViewMask, masks_by_mission
 from tokt.labels.taxonomy import Taxonomy
 
 from .splits import joined_names
@@ -81,6 +84,7 @@ class DatasetPlan:
     block_frames: int | None
     sources: list[str]  # for people: what was read; not part of the hash
     sites: dict[str, str] = field(default_factory=dict)  # by mission, if known; not of the hash
+    masks: dict[str, CameraMasks] = field(default_factory=dict)  # by mission, where it has any
 
 
 class DatasetVersion:
@@ -137,13 +141,31 @@ class DatasetVersion:
         if _content_hash(self.info, self.patches, self.frames) != self.hash:
             raise ToktError(f"dataset {self.label} has been changed on disk; build it again")
 
+    @cached_property
+    def masks(self) -> dict[str, CameraMasks]:
+        """What is no view in the missions' pictures, for those that have a mask."""
+        return masks_by_mission(self.info.get("masks", {}))
+
+    def mask(self, index: int) -> ViewMask | None:
+        """What is no view of the frame in row `index` of `frames`."""
+        row = self.frames.iloc[index]
+        return self.masks[row.mission].of(row.camera) if row.mission in self.masks else None
+
+    def patches_in_view(self, index: int) -> int:
+        """Number of patches that are not masked of the frame in row `index` of `frames`."""
+        row = self.frames.iloc[index]
+        masks = self.masks.get(row.mission, CameraMasks())
+        size = int(row.height), int(row.width)
+        return int((~masks.patches(row.camera, self.grid, *size)).sum())
+
     def read_frame(self, index: int) -> U8:
-        """The frame in row `index` of `frames`, checked against its pixel hash.
+        """The frame in row `index` of `frames`, checked against its pixel hash, its mask covered.
 
         Raises ToktError if the stored frame is not the one the dataset was built from.
         """
-        row = self.frames.iloc[index]
-        return read_stored_frame(self.path / "frames" / row.file, row.digest)
+        row, mask = self.frames.iloc[index], self.mask(index)
+        frame = read_stored_frame(self.path / "frames" / row.file, row.digest)
+        return frame if mask is None else mask.cover(frame)
 
     @property
     def is_gray(self) -> bool:
@@ -230,7 +252,7 @@ def _check_classes(plan: DatasetPlan) -> None:
 
 
 def _content_hash(info: dict[str, Any], patches: pd.DataFrame, frames: pd.DataFrame) -> str:
-    header = {name: info[name] for name in _HASHED_INFO}
+    header = {name: info[name] for name in (*_HASHED_INFO, "masks") if name in info}
     digest = hashlib.sha256(canonical_json(header).encode())
     for table in (patches[PATCH_COLUMNS], frames[_HASHED_FRAME_COLUMNS]):
         for start in range(0, max(len(table), 1), _HASHED_AT_ONCE):
@@ -261,6 +283,7 @@ def _store_frames(
 
 
 def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> dict[str, Any]:
+    masks = {name: plan.masks[name].to_json() for name in sorted(plan.masks)}
     return {
         "format_version": FORMAT_VERSION,
         "name": plan.name,
@@ -276,6 +299,7 @@ def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> 
         "unsure_left_out": plan.unsure,
         "sources": plan.sources,
         **({"sites": plan.sites} if plan.sites else {}),
+        **({"masks": masks} if masks else {}),
     }
 
 

@@ -15,6 +15,7 @@ from tokt.features.common.canonical import json_sha256
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.view_mask import ViewMask
 from tokt.features.kernels.dispatch import KERNELS, LIBRARY
 from tokt.training.parallel import mapped
 
@@ -56,12 +57,14 @@ def feature_key(
     return json_sha256(parts)[:24]
 
 
-_DescribeTask = tuple[Path, str, I64, dict[str, Any], Grid, str]
+_DescribeTask = tuple[Path, str, ViewMask | None, I64, dict[str, Any], Grid, str]
 
 
 def _describe(task: _DescribeTask) -> F64:
-    path, digest, cells, spec, grid, augmentation = task
+    path, digest, mask, cells, spec, grid, augmentation = task
     frame = read_stored_frame(path, digest)
+    if mask is not None:
+        frame = mask.cover(frame)
     if augmentation:
         frame = augmentations.augment(frame, augmentation)
     return build_extractor(spec).describe(frame, grid)[cells]
@@ -136,8 +139,8 @@ def _tasks(
     patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
     folder, columns = dataset.path.resolve() / "frames", frames[[*FRAME_KEY, "file", "digest"]]
     stored = {
-        tuple(key): (folder / file, digest)
-        for *key, file, digest in columns.itertuples(index=False, name=None)
+        tuple(key): (folder / file, digest, dataset.mask(index))
+        for index, (*key, file, digest) in enumerate(columns.itertuples(index=False, name=None))
     }
     groups = patches.groupby(FRAME_KEY).indices
     labelled = (patches.row * grid.cols + patches.col).to_numpy()

@@ -7,12 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import ToktError, counted, os_errors_as
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.image_file import SUFFIXES
-from tokt.features.frames.mission import Mission, open_mission
+from tokt.features.frames.mission import LEFT, Mission, open_mission
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import MODEL, LabelRecord, NoLabelsError
@@ -90,6 +91,10 @@ class LabelledMission:
         """What its labels call it."""
         return self.records[0].mission
 
+    def patches_in_view(self, grid: Grid) -> int:
+        """Number of patches of a left frame that are not masked."""
+        return grid.n_patches - len(_masked_cells(self.mission, LEFT, grid))
+
 
 def labelled_missions(
     missions: Sequence[Path],
@@ -128,11 +133,43 @@ def labelled_missions(
             notice(f"note: {remark}")
         if one.name and one.name != mine[0].mission:
             mine = [replace(record, mission=one.name) for record in mine]
+        mine = in_view(mission, mine, grid, notice)
         both = LabelledMission(mission, mine, one.site, one.date)
         if both.name in found:
             raise ToktError(f"two missions are named {both.name!r}; NAME=DIR tells them apart")
         found[both.name] = both
     return list(found.values())
+
+
+def in_view(
+    mission: Mission, records: Sequence[LabelRecord], grid: Grid, notice: Notice
+) -> list[LabelRecord]:
+    """Leave out the labels of masked patches, and tell how many these were.
+
+    Raises NoLabelsError if all are.
+    """
+    masked = {
+        camera: _masked_cells(mission, camera, grid)
+        for camera in {record.camera for record in records}
+    }
+    kept = [one for one in records if (one.row, one.col) not in masked[one.camera]]
+    if left_out := len(records) - len(kept):
+        notice(
+            f"note: {counted(left_out, 'label')} of mission {mission.name!r} in masked patches "
+            f"left out ({mission.masks.words()})"
+        )
+    if not kept:
+        raise NoLabelsError(f"all labels of mission {mission.name!r} are in masked patches")
+    return kept
+
+
+def _masked_cells(mission: Mission, camera: str, grid: Grid) -> set[tuple[int, int]]:
+    if mission.masks.of(camera) is None:
+        return set()
+    # A mask is a camera's, whose frames are alike.
+    size = mission.read(mission.frames(camera)[0], camera).shape[:2]
+    masked = mission.masks.patches(camera, grid, *size)
+    return {(int(row), int(col)) for row, col in np.argwhere(masked)}
 
 
 def plan_from_missions(
@@ -176,6 +213,7 @@ def plan_from_missions(
         block_frames,
         _describe_sources(missions),
         {one.name: one.site for one in missions if one.site},
+        {one.name: one.mission.masks for one in missions if one.mission.masks},
     )
     return plan, remarks
 
@@ -217,6 +255,7 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
         base.block_frames,
         [*base.info["sources"], *added.sources],
         {**base.sites, **added.sites},
+        {**base.masks, **added.masks},
     )
 
 

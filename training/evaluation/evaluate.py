@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, I64, U8, Bools
+from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.features.frames.mission import LEFT, Mission
@@ -78,22 +78,25 @@ def score_mission(
     values, verdicts, seen = [], [], []
     for index, number in enumerate(progress(numbers, len(numbers), "scoring")):
         image = mission.read(number, LEFT)
-        judgement = policy.judge(Frame(number, 0.0, image, None, missed=missed[index]))
+        frame = Frame(number, 0.0, image, None, missed=missed[index], masks=mission.masks)
+        judgement = policy.judge(frame)
         decided = judgement.decision_values
-        values.append(unjudged_values(bundle, image, number) if decided is None else decided)
+        values.append(unjudged_values(bundle, frame) if decided is None else decided)
         verdicts.append(judgement.verdict)
         if int(frame_id(pixel_sha256(image))) in known:
             seen.append(number)
     return ScoredMission(numbers, missed, np.stack(values), verdicts, seen)
 
 
-def unjudged_values(bundle: Bundle, image: U8, number: int) -> F64:
+def unjudged_values(bundle: Bundle, frame: Frame) -> F64:
     """What the model says of an unknown frame's patches; ToktError if they cannot be described."""
+    picture = frame.covered.left
+    assert picture is not None
     try:
-        return bundle.values_alone(bundle.features(image))
+        return bundle.values_alone(bundle.features(picture))
     except (ToktError, ValueError) as error:
         raise ToktError(
-            f"frame {number} cannot be scored: {error} (--frames leaves it out)"
+            f"frame {frame.number} cannot be scored: {error} (--frames leaves it out)"
         ) from None
 
 
@@ -242,7 +245,8 @@ def _part(
     position = {number: index for index, number in enumerate(scored.frames)}
     frame = np.array([position[record.frame] for record in sure])
     cell = np.array([record.row * bundle.grid.cols + record.col for record in sure])
-    ocean, obstacle = frame_kinds(scored.frames, merged.records, taxonomy, bundle.grid.n_patches)
+    in_view = one.patches_in_view(bundle.grid)
+    ocean, obstacle = frame_kinds(scored.frames, merged.records, taxonomy, in_view)
     figures = _frame_figures(bundle, scored, ocean, obstacle, name)
     spans = approaches(scored.frames, set(ocean), set(obstacle))
     ranges = known_distances(one.mission, spans, stated, progress)

@@ -50,9 +50,10 @@ def frame_table(dataset: DatasetVersion) -> FrameTable:
         obstacles=("obstacle", "sum"), n=("obstacle", "size"), group=("group", "first")
     ).reset_index()
     grid = dataset.grid
-    whole = (found.n == grid.n_patches) & (dataset.block_frames is not None)
-    sizes = dataset.frames.drop_duplicates(FRAME_KEY).set_index(FRAME_KEY)
-    sizes = sizes.loc[pd.MultiIndex.from_frame(found[FRAME_KEY]), ["height", "width"]]
+    view = [dataset.patches_in_view(index) for index in range(len(dataset.frames))]
+    sizes = dataset.frames.assign(view=view).drop_duplicates(FRAME_KEY).set_index(FRAME_KEY)
+    sizes = sizes.loc[pd.MultiIndex.from_frame(found[FRAME_KEY]), ["height", "width", "view"]]
+    whole = (found.n == sizes.pop("view").to_numpy()) & (dataset.block_frames is not None)
     least = cache(lambda *size: min_mask_patches(grid, *grid.resized(*size)))
     return FrameTable(
         found[[*FRAME_KEY, "group"]],

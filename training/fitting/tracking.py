@@ -96,8 +96,9 @@ def _sight(dataset: DatasetVersion) -> tuple[SightLimits, ...]:
     if dataset.grid.width is None:
         return ()
     rows = dataset.frames.reset_index(drop=True).groupby(["mission", "camera"]).indices
-    some = (mine[:: max(len(mine) // _SIGHT_FRAMES, 1)].tolist() for mine in rows.values())
-    return measure_sight(dataset.read_frame(row) for mine in some for row in mine)
+    some = [mine[:: max(len(mine) // _SIGHT_FRAMES, 1)].tolist() for mine in rows.values()]
+    chosen = [row for mine in some for row in mine]
+    return measure_sight(map(dataset.read_frame, chosen), map(dataset.mask, chosen))
 
 
 def _trained_frames(trained: Trained) -> dict[str, str]:
@@ -135,6 +136,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
             "missions": dataset.frames.mission.value_counts().to_dict(),
             "label_counts": dataset.info["labels"],
             "trained_frames": _trained_frames(trained),
+            **({"masks": dataset.info["masks"]} if dataset.masks else {}),
             "preset": request.settings.preset,
             "penalty": trained.choice.penalty,
             "class_weight": trained.choice.class_weight or "none",
