@@ -48,6 +48,7 @@ OPTIONS_OF = {
 }
 """Classes that hold the options of a command."""
 FORMATS = {
+    "features.frames.view_mask.FORMAT_VERSION": "mask of a dive, `tokt-mask.json`",
     "models.bundle.bundle.FORMAT_VERSION": "bundle, `.tokt`",
     "models.sight.FORMAT_VERSION": "numbers of sight in a bundle's manifest, `sight`",
     "models.bundle.signature.FORMAT_VERSION": "signature of a bundle, its member `signature.json`",
