@@ -85,7 +85,7 @@ def test_the_mask_of_a_dive_is_used_told_and_replayed(run, dive):
 
 def test_masks_that_cannot_be_meant_are_refused(dive, bundle_file):
     where = ("run", "--bundle", bundle_file, "--source", dive, "--policy", "texture")
-    refused("at most 70 %", *where, "--mask", "0,0,1,0.8")
+    refused("At most 70 %", *where, "--mask", "0,0,1,0.8")
     refused("nothing was masked", *where, "--mask", "model")
     refused("a mask is a picture", *where, "--mask", "clock")
 

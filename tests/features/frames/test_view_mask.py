@@ -64,7 +64,7 @@ def test_a_picture_masks_what_is_white_in_it(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("0,0,1,1", "at most 70 %"),
+        ("0,0,1,1", "At most 70 %"),
         ("0.25,0.25,0.5,0.5", "of its middle"),
         ("0.5,0.5,0.6,0.1", "0 to 1"),
         ("0.2,0.2,0,0.1", "0 to 1"),
