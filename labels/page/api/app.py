@@ -21,6 +21,7 @@ from . import (
     file_routes,
     job_routes,
     label_routes,
+    mask_routes,
     mission_routes,
     picture_routes,
     sheet_routes,
@@ -64,7 +65,7 @@ def create_app(session: Session, rules: AccessRules) -> ASGIApp:
     app.state.session = session
     add_error_handlers(app)
     seeing = label_routes, mission_routes, picture_routes, sheet_routes
-    for routes in (*seeing, file_routes, class_routes, job_routes):
+    for routes in (*seeing, mask_routes, file_routes, class_routes, job_routes):
         app.include_router(routes.router)
     files = _PageFiles(packages=[("tokt.labels.page", "static")])
 

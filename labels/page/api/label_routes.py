@@ -1,5 +1,6 @@
 """Labels of frames, the actions that change them, the events that tell other pages."""
 
+import math
 import re
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any
@@ -10,7 +11,7 @@ from starlette.responses import Response, StreamingResponse
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, parse_frames
-from tokt.labels.page.frames import read_frame
+from tokt.labels.page.masks import covered_frame
 from tokt.labels.page.state.board import LabelChanges
 from tokt.labels.page.state.live import ALIVE, event_text
 from tokt.labels.page.state.session import Session
@@ -73,7 +74,8 @@ def get_carried(session: SessionOf, frame: Frame, who: Who | None = None) -> Res
         raise refuse(400, "no calibration was given: start tokt label with --calibration")
     for camera in (LEFT, RIGHT):
         check_frame(session, camera, frame)
-    left, right = (read_frame(session.mission, camera, frame) for camera in (LEFT, RIGHT))
+    mission, masks = session.mission, session.board.masks
+    left, right = (covered_frame(mission, masks, camera, frame) for camera in (LEFT, RIGHT))
     labels = session.board.labels(who or session.annotator, LEFT, frame)
     clear = {known.name for known in session.taxonomy.classes if not known.obstacle}
     return json_response({"labels": session.carry(left, right, labels, clear)})
@@ -81,10 +83,12 @@ def get_carried(session: SessionOf, frame: Frame, who: Who | None = None) -> Res
 
 @router.post("/actions")
 def post_action(session: SessionOf, body: ActionBody) -> Response:
-    """Apply a person's action; it is on disk when this answers."""
+    """Apply a person's action, but not to masked patches; it is on disk when this answers."""
     _check_addressee(session, body)
     action = _action(session, body)
-    return json_response(_applied(session, body, session.store.apply(action)))
+    applied = _applied(session, body, session.store.apply(action))
+    masked = sum(len(change.cells) for change in body.changes) - len(action.changes)
+    return json_response({**applied, "masked": masked})
 
 
 @router.post("/undo")
@@ -154,6 +158,7 @@ def _labels(session: Session, who: str, blind: bool, camera: str, frame: int) ->
         "others": {} if blind else board.others(who, camera, frame),
         "settled": ([None] * session.grid.n_patches if blind else board.settled(camera, frame)),
         "notes": _notes(session, who, camera, frame),
+        "hidden": board.hidden(who, camera, frame),
     }
 
 
@@ -165,17 +170,21 @@ def _notes(session: Session, who: str, camera: str, frame: int) -> list[dict[str
 
 
 def _suggestions(session: Session, camera: str, frame: int) -> dict[str, Any] | None:
-    """Suggested classes (indices into the model's) and margins by cell; None without a model."""
+    """Suggested classes (indices into the model's) and margins by cell; None without a model.
+
+    A margin is null where the patch is masked.
+    """
     if session.suggester is None:
         return None
     found = session.suggester.of(camera, frame)
     if found is None:
         return None
+    values = found.values.round(_VALUE_DECIMALS).tolist()
     # A page that was opened with another model must not take these for that one's.
     return {
         "model": session.suggester.bundle.label,
         "classes": found.classes.tolist(),
-        "values": found.values.round(_VALUE_DECIMALS).tolist(),
+        "values": [None if math.isnan(value) else value for value in values],
         "fault": found.fault,
     }
 
@@ -198,8 +207,11 @@ def _action(session: Session, body: ActionBody) -> Action:
         check_frame(session, change.camera, change.frame)
         if change.label is not None and change.label not in known:
             raise refuse(400, f"unknown class {change.label!r}; known: {', '.join(known)}")
+        masked = session.board.masked(change.camera)
         for cell, base in zip(change.cells, change.base, strict=True):
             check_cell(session, cell)
+            if masked[cell]:
+                continue
             row, col = divmod(cell, session.grid.cols)
             changes.append(
                 Change(change.camera, change.frame, row, col, change.label, base, change.model)

@@ -7,6 +7,7 @@ from itertools import count
 from math import floor
 from typing import Annotated, Any
 
+import numpy as np
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
@@ -68,6 +69,9 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "undo": session.undo_heads(who),
             "other_grids": session.other_grids,
             "described": ifdo_of(session.mission.path) is not None,
+            "masked": {
+                camera: np.flatnonzero(board.masked(camera)).tolist() for camera in board.frames
+            },
             "settings": {} if blind else session.settings,
             "job": None if blind else session.status()["job"],
             "depths": _depth_bands(session),

@@ -55,11 +55,11 @@ class Audits:
             return known[1]
 
     def doubts(self, audit: Audit) -> list[Doubt]:
-        """Its patches of this mission and grid, the worst first."""
+        """Its patches of this mission and grid that are in view, the worst first."""
         board = self._board
         if audit.grid != board.grid:
             return []
-        return [
+        doubts = [
             (patch.row * board.grid.cols + patch.col, patch)
             for patch in audit.patches
             if patch.mission == board.mission_name
@@ -67,6 +67,7 @@ class Audits:
             and patch.row < board.grid.rows
             and patch.col < board.grid.cols
         ]
+        return [(cell, patch) for cell, patch in doubts if not board.masked(patch.camera)[cell]]
 
     def decision(self, audit: Audit, patch: AuditedPatch) -> str | None:
         """What people decided that a patch is since the audit; None while it is open."""

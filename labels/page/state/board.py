@@ -14,6 +14,8 @@ import numpy as np
 from tokt.features.common.arrays import I16, I64, U8, Bools
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
+from tokt.features.frames.view_mask import CameraMasks
+from tokt.labels.page.masks import masked_patches
 from tokt.labels.record import SETTLED
 from tokt.labels.store.store import EventRow, LabelStore, Note
 from tokt.labels.taxonomy import UNSURE, Taxonomy
@@ -91,6 +93,15 @@ class LabelArray:
         self.counts = np.zeros(1, np.int64)  # by label code, up to the highest code met
         self.event = 0  # the last one that changed something
         self._blind = np.zeros((n_frames, n_cells), bool)
+        self._hidden = np.zeros((n_frames, n_cells), bool)
+
+    def hide(self, said: LabelEvents) -> None:
+        """Note what was said of masked patches, which counts nowhere."""
+        self._hidden.reshape(-1)[said.flat] = said.codes > 0
+
+    def hidden(self, position: int) -> int:
+        """Number of labelled patches of a frame that are masked."""
+        return int(np.count_nonzero(self._hidden[position]))
 
     def put(self, said: LabelEvents) -> None:
         """Set patches, in order: the last one holds where a patch is named twice."""
@@ -176,15 +187,16 @@ class Board:
     """The labels of every patch by every annotator, as fast as a page needs them.
 
     Everything here follows from the store's events of the mission; `refresh` reads the new ones.
-    Frames that the mission does not have and labels of other grids are left out. The taxonomy's
-    classes come first among `names`. Threads may share a board.
+    Frames that the mission does not have and labels of other grids are left out, and so is all that
+    was said of masked patches. The taxonomy's classes come first among `names`. Threads may share a
+    board.
     """
 
     def __init__(self, mission: Mission, grid: Grid, taxonomy: Taxonomy, store: LabelStore) -> None:
         self.mission_name = mission.name
         self.grid = grid
         self.frames = {camera: mission.frames(camera) for camera in mission.cameras}
-        self.event = 0
+        self._mission = mission
         self._store = store
         self._lock = threading.RLock()
         every = [(camera, frame) for camera, frames in self.frames.items() for frame in frames]
@@ -195,13 +207,34 @@ class Board:
         self._usual: tuple[str, ...] = (*taxonomy.names, UNSURE)
         self._gone: set[str] = set()
         self._notes = Numbering[str | None]((None,))
-        self._said: dict[str, LabelArray] = {}
         self._nothing_said = LabelArray(len(every), grid.n_patches)
-        self._settled = LabelArray(len(every), grid.n_patches)
         self._seen: dict[str, Bools] = {}
         self._written: dict[FrameName, dict[tuple[int | None, str], Note]] = {}
         self._last_note = 0
-        self._disagree = np.zeros(len(every), bool)
+        cameras = list(self.frames)
+        self._camera = np.array([cameras.index(camera) for camera, _ in every], np.int64)
+        self._begin(mission.masks)
+
+    def _begin(self, masks: CameraMasks) -> None:
+        """Know these masks, and no label yet."""
+        grid = self.grid
+        self.masks = masks
+        found = [masked_patches(self._mission, masks, grid, camera) for camera in self.frames]
+        self._masked = np.stack(found).reshape(len(found), grid.n_patches)  # by camera and cell
+        self._said: dict[str, LabelArray] = {}
+        self._settled = LabelArray(len(self._every), grid.n_patches)
+        self._disagree = np.zeros(len(self._every), bool)
+        self.event = 0
+
+    def use_masks(self, masks: CameraMasks) -> None:
+        """Leave other patches out. Raises ToktError if the store cannot be read."""
+        with self._lock:
+            self._begin(masks)
+            self.refresh()
+
+    def masked(self, camera: str) -> Bools:
+        """The masked patches of a camera's frames, shape (n_patches,)."""
+        return np.asarray(self._masked[list(self.frames).index(camera)])
 
     def refresh(self) -> LabelChanges:
         """Read the new events of the store. Raises ToktError if the store cannot be read."""
@@ -256,6 +289,11 @@ class Board:
         """One annotator's labels of a frame, one a cell."""
         with self._lock:
             return self._words(self._by(who), self._position[camera, frame])
+
+    def hidden(self, who: str, camera: str, frame: int) -> int:
+        """Number of one annotator's labels of a frame that are on masked patches."""
+        with self._lock:
+            return self._by(who).hidden(self._position[camera, frame])
 
     def others(self, who: str, camera: str, frame: int) -> dict[str, list[str | None]]:
         """Labels of a frame by everybody else who labelled something in it."""
@@ -463,7 +501,8 @@ class Board:
         letters = np.where(self._seen_by(who)[positions], _SEEN, _UNSEEN).astype(np.uint8)
         filled = self._by(who).filled[positions]
         letters[filled > 0] = _PART
-        letters[filled == self.grid.n_patches] = _DONE
+        in_view = np.count_nonzero(~self._masked, axis=1)
+        letters[filled == in_view[self._camera[positions]]] = _DONE
         if not blind:
             letters[self._disagree[positions]] = _DISAGREEMENT
         return letters
@@ -492,18 +531,21 @@ class Board:
         )
         names = np.array(who, object)
         settles = np.fromiter((source == SETTLED for source in sources), bool, n)
+        masked = self._masked[self._camera[position], cell]
         # A settlement holds until somebody labels the patch anew: the order of the two counts.
         borders = [0, *(np.flatnonzero(np.diff(settles)) + 1).tolist(), n]
         for start, stop in pairwise(borders):
             part = slice(start, stop)
+            shown = np.flatnonzero(~masked[part]) + start
             if settles[start]:
-                self._settled.put(said.of(part))
+                self._settled.put(said.of(shown))
             else:
-                self._settled.clear(said.flat[part])
+                self._settled.clear(said.flat[shown])
             for name in set(who[part]):
                 mine = np.flatnonzero(names[part] == name) + start
                 if not settles[start]:
-                    self._array(name).put(said.of(mine))
+                    self._array(name).put(said.of(mine[~masked[mine]]))
+                    self._array(name).hide(said.of(mine[masked[mine]]))
                     self._array(name).event = events[mine[-1]]
                 touched = np.unique(position[mine]).tolist()
                 changed.add(name, sources[start], [self._every[place] for place in touched])

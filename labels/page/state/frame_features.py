@@ -11,8 +11,10 @@ from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
+from tokt.features.frames.view_mask import CameraMasks
 from tokt.labels.page.background import Background
-from tokt.labels.page.frames import for_background, read_frame
+from tokt.labels.page.frames import for_background
+from tokt.labels.page.masks import covered_frame
 
 from .board import FrameName, Numbering
 
@@ -45,14 +47,15 @@ class FeatureSnapshot:
 
 
 class FrameFeatures:
-    """Features of every patch of the frames that were asked for. For any number of threads.
+    """Features of every patch of the frames that were asked for, what is masked being covered.
 
-    It needs some 100 bytes a patch.
+    For any number of threads. It needs some 100 bytes a patch.
     """
 
-    def __init__(self, mission: Mission, grid: Grid) -> None:
+    def __init__(self, mission: Mission, grid: Grid, masks: CameraMasks) -> None:
         self._mission = for_background(mission)
         self._grid = grid
+        self._masks = masks
         self._lock = threading.Lock()
         self._rows = Numbering[FrameName]()
         self._good: list[bool] = []
@@ -97,6 +100,7 @@ class FrameFeatures:
 
     def _describe(self, camera: str, frame: int) -> F64 | None:
         try:
-            return _EXTRACTOR.describe(read_frame(self._mission, camera, frame), self._grid)
+            picture = covered_frame(self._mission, self._masks, camera, frame)
+            return _EXTRACTOR.describe(picture, self._grid)
         except (ToktError, ValueError):  # unreadable, or too small for the grid
             return None

@@ -85,7 +85,7 @@ class ReviewSheet:
 
     def __init__(self, mission: Mission, board: Board) -> None:
         self._board = board
-        self._features = FrameFeatures(mission, board.grid)
+        self._features = FrameFeatures(mission, board.grid, board.masks)
         self.background = self._features.background
         self._lock = threading.Lock()
         self._started = False

@@ -9,17 +9,21 @@ import threading
 import zlib
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, os_words
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
+from tokt.features.frames.view_mask import CameraMasks, read_masks, write_masks
 from tokt.labels.formats.frame_metadata import FrameMetadata, mission_metadata
 from tokt.labels.formats.images import FrameKey
+from tokt.labels.page.masks import drawn_mask, frame_size
 from tokt.labels.page.suggestions.suggester import Suggester
 from tokt.labels.page.suggestions.suggestion_table import mission_stamp
 from tokt.labels.record import LabelRecord, utc_now
@@ -32,6 +36,7 @@ from .audits import Audits
 from .board import Board, FrameName
 from .jobs import Jobs
 from .live import Broadcaster
+from .mark_search import MarkSearch
 from .pictures import PatchPictures
 from .review_sheet import ReviewSheet
 
@@ -74,7 +79,7 @@ class Session:
     """Gives a right frame its labels from both frames, the left one's labels and the names of what
     is clear."""
     changing: threading.Lock = field(default_factory=threading.Lock)
-    """Held by who changes the classes."""
+    """Held by who changes the classes or the masks."""
     jobs: Jobs = field(default_factory=Jobs)
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
@@ -82,6 +87,7 @@ class Session:
         self.pictures = PatchPictures(self.mission, self.grid)
         self.sheet = ReviewSheet(self.mission, self.board)
         self.audits = Audits(self.store, self.board)
+        self.marks = MarkSearch(self.mission, self.grid)
 
     @cached_property
     def metadata(self) -> dict[FrameKey, FrameMetadata]:
@@ -125,9 +131,9 @@ class Session:
 
     @property
     def setup(self) -> str:
-        """Changes with the classes and the model: pages load the mission anew."""
+        """Changes with the classes, the model and the masks: pages load the mission anew."""
         model = self.suggester and self.suggester.bundle.sha256
-        text = json.dumps([self.taxonomy.to_json(), model])
+        text = json.dumps([self.taxonomy.to_json(), model, self.board.masks.to_json()])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def use_taxonomy(self, taxonomy: Taxonomy) -> None:
@@ -138,13 +144,39 @@ class Session:
 
     def use_model(self, bundle: Bundle) -> None:
         """Suggest what another model says, and tell all pages; ToktError if its grid differs."""
-        workspace = self.store.path.parent
-        fresh = Suggester(bundle, self.mission, self.grid, workspace / CACHE)
+        cache = self.store.path.parent / CACHE
+        fresh = Suggester(bundle, self.mission, self.grid, cache, self.board.masks)
         before, self.suggester = self.suggester, fresh
         fresh.background.start()
         self.live.publish()
         if before is not None:
             before.close()
+
+    def mask_patches(self, camera: str, cells: Collection[int]) -> None:
+        """Mask these patches of a camera's frames and no others, and tell all pages.
+
+        Raises ToktError if too little of the view is left or the mask cannot be written.
+        """
+        size = frame_size(self.mission, camera)
+        if size is None:
+            raise ToktError(f"no frame of the {camera} camera can be read")
+        patches = np.zeros((self.grid.rows, self.grid.cols), bool)
+        patches.flat[list(cells)] = True
+        with self.changing:
+            before = read_masks(self.mission.path)
+            mask = drawn_mask(before.of(camera), self.grid, patches, size)
+            masks = replace(before, **{camera: mask})
+            write_masks(self.mission.path, masks)
+            self._use_masks(masks)
+
+    def _use_masks(self, masks: CameraMasks) -> None:
+        with self._refreshing:
+            self.board.use_masks(masks)
+        before, self.sheet = self.sheet, ReviewSheet(self.mission, self.board)
+        before.background.close()
+        if self.suggester is not None:
+            self.use_model(self.suggester.bundle)
+        self.live.publish()
 
     def progress(self) -> dict[str, int] | None:
         """How many frames the model has been asked about; None without a model."""
@@ -197,6 +229,7 @@ class Session:
         if self.suggester is not None:
             self.suggester.background.give_way()
         self.sheet.background.give_way()
+        self.marks.background.give_way()
 
     def shown(self, camera: str, frame: int) -> None:
         """Compute what is near this frame first: somebody looks at it."""
@@ -209,6 +242,7 @@ class Session:
         if self.suggester is not None:
             self.suggester.close()
         self.sheet.background.close()
+        self.marks.background.close()
         self.store.close()
 
     def undo_heads(self, who: str) -> dict[str, Any]:

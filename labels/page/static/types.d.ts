@@ -309,6 +309,7 @@ export interface FrameContent {
   selection?: number[];
   stroke?: { cells: Iterable<number>, label: string | null } | null;
   plain?: boolean;
+  masked: Set<number>;
   pending?: Iterable<number>;
   tag?: string | null;
 }
@@ -334,7 +335,9 @@ export type KeyRow = [command: string, keys: string[], group: string, does: stri
 
 // frame/frame_painting.js
 
-export type How = "paint" | "erase" | "confirm" | "unsure";
+export type FrameTool = "paint" | "erase" | "confirm" | "mask";
+
+export type How = FrameTool | "unsure";
 
 // frame/frame_state.js
 
@@ -352,6 +355,7 @@ export interface FramePage {
   player: Player;
   pointer: PointerGestures;
   tools: { show: (chosen: string) => void };
+  mask: { show: () => void };
   toggles: HTMLButtonElement[];
   drawer: { show: (said: string) => void };
   bar: { number: HTMLInputElement, show: (camera: string, frame: number) => void };
@@ -375,7 +379,9 @@ export interface FrameState {
   /** Null while another view is shown. */
   page: FramePage | null;
   /** What the chosen tool does. */
-  tool: "paint" | "erase" | "confirm";
+  tool: FrameTool;
+  /** What is not saved of each camera's mask: whether a patch is to be masked. */
+  drafts: Record<string, Map<number, boolean>>;
   /** Why this frame is shown, where it was asked for. */
   why: string;
   /** While the space bar is down. */

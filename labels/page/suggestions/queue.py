@@ -63,7 +63,7 @@ def next_frames(
 def _unsure(values: F64, near: float) -> F64:
     """How unsure the model is of each frame, 0 to 1; decision values below `near` count."""
     share = 1 - values / max(near, 1e-300)
-    sums = share.clip(0, None).sum(axis=1)
+    sums = np.nansum(share.clip(0, None), axis=1)
     return np.asarray(_MIN_UNSURE + (1 - _MIN_UNSURE) * sums / (sums + _HALF_UNSURE))
 
 
@@ -81,7 +81,7 @@ class _Queue:
 
     def __init__(self, known: MissionSuggestions, free: Bools) -> None:
         # Two digits, as the reason given says them.
-        self._near = float(f"{_NEAR_SHARE * float(np.median(known.values)):.2g}")
+        self._near = float(f"{_NEAR_SHARE * float(np.nanmedian(known.values)):.2g}")
         unsure = _unsure(known.values, self._near)
         self.candidates = candidates = _candidates(unsure, free)
         self._known = known

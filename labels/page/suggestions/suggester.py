@@ -1,6 +1,7 @@
 """The suggester: a model's suggestions for a mission's frames, computed beside the page."""
 
 import hashlib
+import json
 import threading
 import time
 from pathlib import Path
@@ -12,8 +13,10 @@ from tokt.features.common.atomic import write_bytes
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission, VideoMission
+from tokt.features.frames.view_mask import CameraMasks
 from tokt.labels.page.background import Background
-from tokt.labels.page.frames import for_background, read_frame
+from tokt.labels.page.frames import for_background
+from tokt.labels.page.masks import covered_frame
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.linear import LinearModel
 
@@ -34,12 +37,20 @@ class Suggester:
     """A model's suggestions, frame by frame, `background` computing those near the one shown first.
 
     For any number of threads. They are kept in the folder `cache` for the next time: valid for this
-    bundle and these files, by their size and time. One that cannot be written only costs time.
+    bundle, these masks and these files, by their size and time. One that cannot be written only
+    costs time. What is masked, by default as the mission says, is covered and gets no suggestion.
 
     Raises ToktError if the model looks at frames through another grid than the one labelled in.
     """
 
-    def __init__(self, bundle: Bundle, mission: Mission, grid: Grid, cache: Path) -> None:
+    def __init__(
+        self,
+        bundle: Bundle,
+        mission: Mission,
+        grid: Grid,
+        cache: Path,
+        masks: CameraMasks | None = None,
+    ) -> None:
         if bundle.grid != grid:
             raise ToktError(
                 f"model {bundle.label} has the grid {bundle.grid}, labelled is {grid}: its"
@@ -47,6 +58,7 @@ class Suggester:
             )
         self.bundle = bundle
         self._mission = mission
+        self._masks = mission.masks if masks is None else masks
         self._own_mission = for_background(mission)
         self._table = SuggestionTable(mission, grid.n_patches, bundle.extractor.dim)
         self._lock = threading.Lock()
@@ -106,11 +118,15 @@ class Suggester:
         camera, frame = self._table.names[index]
         features = None
         try:
-            image = read_frame(mission, camera, frame)
+            image = covered_frame(mission, self._masks, camera, frame)
             found = no_suggestions(self._size_fault(*image.shape[:2]))
             if not found.fault:
-                features = self.bundle.extractor.describe(image, self.bundle.grid)
+                grid, size = self.bundle.grid, image.shape[:2]
+                features = self.bundle.extractor.describe(image, grid)
                 found = suggestions(self.bundle.model, self.bundle.values_alone(features))
+                masked = self._masks.patches(camera, grid, *size).reshape(-1)
+                found.values[masked] = np.nan
+                features = features[~masked]
         except (ToktError, ValueError) as error:  # unreadable, or nothing the model can judge
             found, features = no_suggestions(str(error)), None
         with self._lock:
@@ -127,7 +143,8 @@ class Suggester:
 
     def _load(self) -> None:
         self._saved, self._saved_at = 0, time.monotonic()
-        self._key = f"{self.bundle.sha256} {mission_stamp(self._mission)}"
+        masks = json.dumps(self._masks.to_json()) if self._masks else ""
+        self._key = f"{self.bundle.sha256} {mission_stamp(self._mission)}{masks}"
         with self._lock:
             # What a page asked for meanwhile is in the file or will be computed again.
             if self._table.load(self._file, self._key):

@@ -25,7 +25,7 @@ class FrameSuggestions:
 
     classes: I64  # (n_patches,): index into the model's classes
     # (n_patches,): how far the decision is on the side of that class, 0 and more: with two classes
-    # the distance to the threshold, with more the lead over the second best.
+    # the distance to the threshold, with more the lead over the second best. NaN where masked.
     values: F64
     fault: str = ""  # why there are no suggestions, the arrays being empty; or an empty string
 
@@ -37,7 +37,7 @@ class MissionSuggestions:
     cameras: NDArray[np.str_]
     frames: I64
     values: F64  # (n, n_patches): as in `FrameSuggestions`
-    features: F32  # (n, 2 * dim): mean and standard deviation of each over the frame's patches
+    features: F32  # (n, 2 * dim): mean and standard deviation of each over the patches in view
     several: bool = False  # whether the model has more than two classes
 
 
@@ -67,7 +67,7 @@ class SuggestionTable:
         return bool(self._states[index] != _TO_DO)
 
     def put(self, index: int, found: FrameSuggestions, features: F64 | None) -> None:
-        """Keep what the model said of a frame; `features` of its patches, unless it is faulty."""
+        """Keep what the model said of a frame; `features` of its patches in view, or None."""
         self.done += not self.knows(index)
         if found.fault or features is None:
             self._faults[index] = found.fault

@@ -11,14 +11,15 @@ export { onSetting, setSetting, setting, who } from "./settings.js";
 export const mission = {
   loaded: false, mission: "", pictures: "", grid: { rows: 0, cols: 0, width: null }, cameras: {},
   classes: [], annotator: "", blind: false, annotators: [], model: null, fault: "", setup: "",
-  event: 0, states: {}, given: {}, counts: {}, undo: { undo: null, redo: null }, described: false,
+  event: 0, states: {}, given: {}, counts: {}, undo: { undo: null, redo: null }, masked: {},
+  described: false,
   settings: {}, job: null, depths: [], carries: false, formats: {},
 };
 
 const LIGHT = 0.405; // 0.4, and what rounding may take
 
 /** @type {Derived} */
-const here = { byName: new Map(), frames: {}, settingsHeard: 0, person: 0 };
+const here = { byName: new Map(), frames: {}, masked: {}, settingsHeard: 0, person: 0 };
 
 /** @type {Signal<[what: "all" | "states" | "status"]>} Be told that something of it changed. */
 export const [onChange, changed] = signal();
@@ -61,12 +62,13 @@ function takeMission(/** @type {MissionAnswer} */ answer) {
     here.byName.set(known.name, { ...known, color: lightened(known.color) });
   }
   here.frames = {};
+  here.masked = {};
   changed("all");
 }
 
 /** Take in what an acknowledgement or an event says. */
 export function takeNews(/** @type {News} */ news) {
-  // Classes or the model were changed, here or elsewhere.
+  // Classes, the model or the masks were changed, here or elsewhere.
   if (news.setup && news.setup !== mission.setup) loadMission().catch(onFailure());
   if ((news.event ?? 0) > mission.event) mission.event = news.event ?? 0;
   for (const [camera, frames_] of Object.entries(news.states ?? {})) {
@@ -190,6 +192,17 @@ export function frames(/** @type {string} */ camera) {
     Array.from({ length: last - first + 1 }, (_, index) => first + index),
   );
   return here.frames[camera];
+}
+
+/** The cells of a camera's frames that are no view: they take no label. */
+export function maskedCells(/** @type {string} */ camera) {
+  return (here.masked[camera] ??= new Set(mission.masked[camera]));
+}
+
+/** Those of some cells that are in view. @param {string} camera @param {Iterable<number>} cells */
+export function inView(camera, cells) {
+  const masked = maskedCells(camera);
+  return [...cells].filter((cell) => !masked.has(cell));
 }
 
 /** Where a frame stands in `frames(camera)`; -1 if it is not there. */

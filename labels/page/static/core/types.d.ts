@@ -82,6 +82,8 @@ export interface MissionAnswer {
   given: Record<string, Record<string, string[]>>;
   counts: Record<string, number>;
   undo: Heads;
+  /** Cells that are no view in all frames of a camera. */
+  masked: ByCamera;
   described: boolean;
   settings: { obstacle_as?: string };
   job: Job | null;
@@ -125,12 +127,13 @@ export interface Note {
 export interface Suggestions {
   model: string;
   classes: number[];
-  values: number[];
+  /** Null where the patch is masked. */
+  values: (number | null)[];
   fault: string;
 }
 
 /** The labels of one frame: `mine`, `others` and `settled` one a cell; `models`: the version whose
- * suggestion was accepted, by cell.
+ * suggestion was accepted, by cell; `hidden`: how many labels of mine are on masked patches.
  */
 export interface FrameLabels extends Place {
   mine: (string | null)[];
@@ -138,6 +141,7 @@ export interface FrameLabels extends Place {
   others: Record<string, (string | null)[]>;
   settled: (string | null)[];
   notes: Note[];
+  hidden: number;
   suggestions: Suggestions | null;
 }
 
@@ -148,6 +152,8 @@ export interface ActionAnswer extends News {
   event: number;
   changed: number;
   repeated: boolean;
+  /** Patches that took no label because they are masked. */
+  masked?: number;
   conflicts?: Refused[];
   frames?: [string, number][];
 }
@@ -282,6 +288,7 @@ export interface Answers {
   "/api/audit": Audit;
   "/api/classes": ClassesAnswer;
   "/api/export": { labels: number, lost: string[] };
+  "/api/fixed_marks": { cells: number[] | null };
   "/api/job": {job: (Job & { lines: string[] }) | null};
 }
 
@@ -293,6 +300,8 @@ export interface Posted {
   "/api/notes": { notes: Note[] };
   "/api/blind": { blind: boolean };
   "/api/settings": {};
+  "/api/mask": {};
+  "/api/fixed_marks": {};
   "/api/classes": ClassesAnswer;
   "/api/job": { job: Job | null };
   "/api/job/cancel": { job: Job | null };
@@ -413,6 +422,8 @@ export interface Derived {
   byName: Map<string, LabelClass>;
   /** The frames of each camera. */
   frames: ByCamera;
+  /** The masked cells of each camera. */
+  masked: Record<string, Set<number>>;
   settingsHeard: number;
   /** Who works here and how: the next one's is another number. */
   person: number;

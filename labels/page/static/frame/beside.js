@@ -2,7 +2,7 @@
 // to look at. What is painted goes to one picture only, so that no stroke is of the wrong one.
 
 import { say } from "../core/dom.js";
-import { mission } from "../core/mission.js";
+import { maskedCells, mission } from "../core/mission.js";
 import { picture, pictureNow } from "../core/pictures.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
 import { FrameCanvas } from "./frame_canvas.js";
@@ -32,7 +32,8 @@ export class Beside {
     const asked = `${camera}/${frame}/${enhance}`;
     const bitmap = pictureNow(camera, frame, enhance);
     const labels = labelsOf(camera, frame);
-    canvas.set({ bitmap, labels: bitmap && labels, badge: `${camera}: to look at` });
+    const badge = `${camera}: to look at`;
+    canvas.set({ bitmap, labels: bitmap && labels, masked: maskedCells(camera), badge });
     if (!labels) prefetch(camera, [frame]);
     if (bitmap || asked !== this.asked) canvas.set({ message: "" });
     if (bitmap || asked === this.asked) return;

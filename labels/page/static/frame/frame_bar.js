@@ -3,12 +3,13 @@
 
 import { commandButtons, optionsOf } from "../core/controls.js";
 import { el, focusView, redraw, setAttribute } from "../core/dom.js";
-import { frameIndex, frames, mission, setting, stateOf } from "../core/mission.js";
-import { disagree } from "../labelling/cell_drawing.js";
+import { frameIndex, frames, inView, mission, setting, stateOf } from "../core/mission.js";
+import { MASKED, disagree } from "../labelling/cell_drawing.js";
 import { cellName } from "../core/patch_grid.js";
 import { filterChoices, filterName, filterSelect, passingFrames } from "../labelling/filters.js";
 import { STATES } from "../labelling/frame_states.js";
 import { kindOf } from "../labelling/suggest.js";
+import { isUnsaved, shownMask } from "./mask_draft.js";
 /** @import { Commands, FrameInfo, Hint, KeyFor, ShownLabels } from "../types.js" */
 
 /** Build the bar of commands and the status line.
@@ -81,8 +82,10 @@ function showLegend(/** @type {HTMLElement} */ root, /** @type {string} */ camer
 export function describeFrame(camera, frame, labels) {
   const words = [`${camera} frame ${frame}`];
   if (labels) {
-    const done = labels.mine.filter((label) => label !== null).length;
-    words.push(`${done} of ${labels.mine.length} labelled`);
+    const cells = inView(camera, labels.mine.keys());
+    const done = cells.filter((cell) => labels.mine[cell] !== null).length;
+    const hidden = labels.hidden ? `, ${labels.hidden} hidden by the mask` : "";
+    words.push(`${done} of ${cells.length} labelled${hidden}`);
   }
   const state = stateOf(camera, frame);
   if (state === "x" || state === "d") words.push(STATES[state].words);
@@ -113,7 +116,10 @@ function surety(/** @type {Hint} */ { strong, percent, said }) {
  * @param {number} cell @param {ShownLabels} labels @param {?Hint | undefined} hint
  */
 export function describeCell(cell, labels, hint) {
-  const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label"}`];
+  const { camera } = labels;
+  const unsaved = isUnsaved(camera, cell) ? ["the mask is not saved yet"] : [];
+  if (shownMask(camera).has(cell)) return [`${cellName(cell)}: ${MASKED}`, ...unsaved].join(", ");
+  const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label"}`, ...unsaved];
   const version = labels.models[cell];
   if (version) words.push(`accepted from ${version}`);
   if (labels.pending.has(cell)) words.push("not saved yet");

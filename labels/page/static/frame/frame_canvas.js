@@ -1,7 +1,7 @@
 // The canvas of one frame: picture, grid, labels, hints, cursor, and row and column heads.
 
 import {
-  drawCells, drawCursor, drawNotes, drawOthers, drawPending, drawStroke, shownCell,
+  drawCells, drawCursor, drawMasked, drawNotes, drawOthers, drawPending, drawStroke, shownCell,
 } from "../labelling/cell_drawing.js";
 import { contextOf, soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
@@ -21,7 +21,9 @@ export class FrameCanvas {
     /** @type {{canvas: HTMLCanvasElement, bitmap: ?ImageBitmap, key: string}} */
     this.ground = { canvas: document.createElement("canvas"), bitmap: null, key: "" };
     /** @type {FrameContent} */
-    this.content = { bitmap: null, labels: null, hints: [], message: "", badge: "" };
+    this.content = {
+      bitmap: null, labels: null, hints: [], message: "", badge: "", masked: new Set(),
+    };
     /** @type {(tag: ?string | undefined) => void} */
     this.onDrawn = () => {};
     /** @type {?FrameCanvas} A canvas that shows the same part of its picture. */
@@ -136,9 +138,12 @@ export class FrameCanvas {
   }
 
   drawContent(/** @type {CellPlan} */ plan, /** @type {ShownLabels} */ labels) {
-    const { hints, cursor, selection, stroke } = this.content;
+    const { hints, cursor, selection, stroke, masked } = this.content;
+    drawMasked(plan, masked);
     if (setting("outlines")) {
-      const cells = labels.mine.map((label, cell) => shownCell(label, hints[cell]));
+      const cells = labels.mine.map((label, cell) =>
+        masked.has(cell) ? null : shownCell(label, hints[cell]),
+      );
       drawCells(plan, cells);
       drawOthers(plan, labels, cells);
       drawPending(plan, this.content.pending ?? []);

@@ -11,6 +11,7 @@ import {
   pressSpace, releaseSpace,
 } from "./frame_painting.js";
 import { page, view } from "./frame_state.js";
+import { saveMask } from "./mask_bar.js";
 import { writeNote } from "./notes.js";
 /** @import { Command, HeldCommands } from "../types.js" */
 
@@ -73,7 +74,10 @@ export const commands = {
   rest: () => mayPaint() && paintRest(page().show.camera, page().show.frame),
   copy: copyPrevious,
   carry: carryLeft,
-  accept: () => acceptOr("Nothing sure is suggested here."),
+  accept: () => {
+    if (view.tool === "mask") saveMask();
+    else acceptOr("Nothing sure is suggested here.");
+  },
   acceptAll: () => acceptOr("No suggestions to accept here.", { all: true }),
   acceptNext: (event) => {
     if (isRepeat(event) || page().player.stop()) return;
@@ -82,6 +86,7 @@ export const commands = {
   },
   confirm: () => chooseTool("confirm"),
   erase: () => chooseTool("erase"),
+  mask: () => chooseTool(view.tool === "mask" ? "paint" : "mask"),
   takeBack: () => mayPaint() && apply(view.cursor.cells, "erase"),
   note: () => {
     page().player.stop();

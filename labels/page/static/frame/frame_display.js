@@ -11,6 +11,7 @@ import { labelsOf, prefetch } from "../saving/labels.js";
 import { isAway, pending, state } from "../saving/saver.js";
 import { describeCell, describeFrame, describeInfo } from "./frame_bar.js";
 import { isHere, page, view } from "./frame_state.js";
+import { shownMask, unsaved } from "./mask_draft.js";
 import { noteWords } from "./notes.js";
 /** @import { SettingName, Viewport } from "../types.js" */
 
@@ -57,7 +58,7 @@ export function showLabels() {
   const { camera, frame, fault, ready } = page().show;
   const labels = ready && !fault ? labelsOf(camera, frame) : null;
   page().hints = labels ? hintsOf(camera, frame) : [];
-  page().canvas.set({ labels, hints: page().hints });
+  page().canvas.set({ labels, hints: page().hints, masked: shownMask(camera) });
   page().beside.update();
   if (!labels && ready && !fault) prefetch(camera, [frame]);
   showCursor();
@@ -75,7 +76,8 @@ export function showCursor() {
 
 /** Mark what takes long to be saved: a mark on each patch would flash with every stroke. */
 export function showSaving() {
-  const cells = page().canvas.content.labels?.pending ?? [];
+  const waits = page().canvas.content.labels?.pending ?? [];
+  const cells = view.tool === "mask" ? unsaved(page().show.camera) : waits;
   clearTimeout(page().timers.pending);
   if (!pending() || state() !== "saving") page().canvas.set({ pending: cells });
   else {
@@ -107,9 +109,10 @@ export function showStatus() {
     ? [el("span", { class: "why", text: view.why })]
     : [el("span", { text: said, title: said + value })];
   page().status.replaceChildren(el("b", { text: first }), ...words);
+  const paints = view.tool === "mask" ? "the mask" : selectedClass();
   page().element.setAttribute(
     "aria-label",
-    `Patches of ${camera} frame ${frame}. Arrow keys move, Space paints ${selectedClass()}.`,
+    `Patches of ${camera} frame ${frame}. Arrow keys move, Space paints ${paints}.`,
   );
 }
 
@@ -120,6 +123,7 @@ export function showTools() {
   page().tools.show(view.tool === "paint" ? selectedClass() : view.tool);
   const counted = `${strong} of ${proposed.length} suggested patches sure`;
   const nothing = "Nothing is suggested here.";
+  page().mask.show();
   page().drawer.show(suggestionFault(camera, frame) || (proposed.length ? counted : nothing));
   page().bar.show(camera, frame);
   const blink = Boolean(blinking || showsBefore);
@@ -159,7 +163,10 @@ export function cannotDo(/** @type {number} */ strong) {
 }
 
 export function showChanged(/** @type {string} */ what) {
-  if (what === "all") page().show.retry();
+  if (what === "all") {
+    page().show.retry();
+    showLabels();
+  }
   page().timeline.set(page().show.camera, page().show.frame);
   showStatus();
   showTools();

@@ -3,15 +3,17 @@
 import { get, onFailure } from "../core/api.js";
 import { complain } from "../core/controls.js";
 import { announce, focusView, say } from "../core/dom.js";
-import { selectClass, selectedClass, who } from "../core/mission.js";
+import { inView, selectClass, selectedClass, who } from "../core/mission.js";
 import { cellName } from "../core/patch_grid.js";
+import { MASKED } from "../labelling/cell_drawing.js";
 import { accept, dropAllCopies, paint, propose } from "../labelling/painting.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
 import { isAway, state, whenIdle } from "../saving/saver.js";
 import { describeCell } from "./frame_bar.js";
-import { cannotDo, showCursor, showLabels, showStatus, showTools } from "./frame_display.js";
+import { cannotDo, showCursor, showLabels, showStatus } from "./frame_display.js";
 import { isHere, page, view } from "./frame_state.js";
-/** @import { AcceptOptions, CursorMove, Host, How } from "../types.js" */
+import { drawMask, unsaved } from "./mask_draft.js";
+/** @import { AcceptOptions, CursorMove, FrameTool, Host, How } from "../types.js" */
 
 /** @type {Host} What the pointer's gestures do here. */
 export const pointerHost = {
@@ -19,7 +21,7 @@ export const pointerHost = {
   panning: () => view.space !== null,
   panned: () => void (view.space && (view.space.panned = true)),
   labelOf: (how) => {
-    if (how === "unsure") return "unsure";
+    if (how === "unsure" && view.tool !== "mask") return "unsure";
     return view.tool === "paint" && how === "chosen" ? selectedClass() : null;
   },
   finish: (cells, how, kind) => {
@@ -49,16 +51,19 @@ export function mayPaint() {
   return false;
 }
 
-/** Paint, take back, or accept what is proposed for patches. */
+/** Paint, take back, or accept what is proposed for patches; in Mask mode, mask them. */
 export function apply(/** @type {number[]} */ cells, /** @type {How} */ how, kind = "paint") {
   const { camera, frame } = page().show;
-  if (how === "confirm") {
+  if (view.tool === "mask") drawMask(camera, cells);
+  else if (!inView(camera, cells).length) say("Masked: no view. A masked patch takes no label.");
+  else if (how === "confirm") {
     if (accept(camera, frame, { cells }) === 0) say("Nothing is suggested there.");
   } else if (how === "unsure") paint(camera, frame, cells, "unsure", kind);
   else paint(camera, frame, cells, how === "erase" ? null : selectedClass(), kind);
   showLabels();
   if (!view.cursor.visible) return; // painted with the mouse
-  const label = page().canvas.content.labels?.mine[cells[0]] ?? "no label";
+  const { labels, masked } = page().canvas.content;
+  const label = masked.has(cells[0]) ? MASKED : (labels?.mine[cells[0]] ?? "no label");
   const more = cells.length > 1 ? ` and ${cells.length - 1} more` : "";
   announce(`${label}: ${cellName(cells[0])}${more}`);
 }
@@ -85,25 +90,42 @@ export function moveCursor(rows, cols, extend) {
   if (labels) announce(describeCell(view.cursor.cell, labels, page().hints[view.cursor.cell]));
 }
 
-export function chooseTool(/** @type {"erase" | "confirm"} */ next) {
+/** @type {Record<FrameTool, string>} */
+const TOOL_WORDS = {
+  paint: "Painting gives labels.",
+  erase: "Painting takes labels back.",
+  confirm: "Painting accepts proposals.",
+  mask: "Painting masks what is no view.",
+};
+
+export function chooseTool(/** @type {FrameTool} */ next) {
+  takeTool(next);
+  announce(TOOL_WORDS[next]);
+}
+
+/** What is not saved of the mask stays while something else is painted. */
+function takeTool(/** @type {FrameTool} */ next) {
+  const left = view.tool === "mask" && next !== "mask" && unsaved(page().show.camera).length;
+  if ((view.tool === "mask") !== (next === "mask")) view.cursor.collapse();
   view.tool = next;
-  announce(next === "erase" ? "Painting takes labels back." : "Painting accepts proposals.");
-  showTools();
+  if (left) say("The mask is not saved yet: the button Mask goes back to it.");
+  showLabels();
 }
 
 /** A class key: chooses the class, and paints the rectangle if there is one. */
 export function choose(/** @type {string} */ name) {
-  view.tool = "paint";
+  takeTool("paint");
   selectClass(name);
   if (view.cursor.spans && mayPaint()) apply(view.cursor.cells, "paint", "rectangle");
   else announce(`Painting ${name}`);
-  showTools();
+  showLabels();
 }
 
-/** Give up: the stroke, else the rectangle, else the copies. */
+/** Give up: the stroke, else the rectangle, else Mask mode, else the copies. */
 export function escape() {
   if (page().pointer.busy()) page().pointer.cancel();
   else if (view.cursor.collapse()) showCursor();
+  else if (view.tool === "mask") chooseTool("paint");
   else if (!dropAllCopies(page().show.camera, page().show.frame)) {
     view.cursor.visible = false;
     showCursor();

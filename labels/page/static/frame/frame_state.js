@@ -5,7 +5,8 @@ import { PatchCursor } from "../core/patch_grid.js";
 
 /** The view's state; all of it. @type {FrameState} */
 export const view = {
-  page: null, tool: "paint", why: "", space: null, last: null, cursor: new PatchCursor(),
+  page: null, tool: "paint", drafts: {}, why: "", space: null, last: null,
+  cursor: new PatchCursor(),
 };
 
 /** What is on the page; only to be asked while the view is shown. */

@@ -16,7 +16,7 @@ import { buildBar } from "./frame_bar.js";
 import { FrameCanvas } from "./frame_canvas.js";
 import { commands } from "./frame_commands.js";
 import {
-  labelsArrived, showAll, showChanged, showCursor, showSaving, showSetting,
+  labelsArrived, showAll, showChanged, showCursor, showLabels, showSaving, showSetting,
 } from "./frame_display.js";
 import { goTo, show } from "./frame_going.js";
 import { frameKeys, keyForCommand } from "./frame_keys.js";
@@ -24,6 +24,7 @@ import { choose, moveCursor, pointerHost } from "./frame_painting.js";
 import { FrameShow } from "./frame_show.js";
 import { isHere, page, view } from "./frame_state.js";
 import { listenToPointer } from "./gestures.js";
+import { buildMaskBar } from "./mask_bar.js";
 import { Player } from "./play.js";
 import { Timeline } from "./timeline.js";
 /** @import { Tool } from "../types.js" */
@@ -32,6 +33,7 @@ import { Timeline } from "./timeline.js";
 const TOOLS = [
   ["erase", "Take back", "Painting takes your labels back"],
   ["confirm", "Confirm", "Painting accepts single suggestions; Alt+click does at any time"],
+  ["mask", "Mask", "Painting masks what is no view, such as a clock, in all frames of this camera"],
 ];
 /** @type {Tool[]} */
 const ACTIONS = [
@@ -66,13 +68,14 @@ function build(/** @type {HTMLElement} */ root) {
   const actions = ACTIONS.filter(([name]) => name !== "carry" || pairs);
   const tools = buildToolbar(commands, choose, keyForCommand, TOOLS, actions);
   const bar = buildBar(commands, goTo, keyForCommand, status);
+  const mask = buildMaskBar(showLabels);
   const command = commandButtons(commands, keyForCommand);
   const toggles = TOGGLES.map(([name, text, does]) => command(text, name, does));
   const drawer = buildDrawer(el("div", { class: "toggles" }, ...toggles), bar.legend);
   root.replaceChildren(
     el("div", { class: "frame-view" },
       tools.root,
-      el("div", { class: "stage" }, el("div", { class: "cameras" }, element, second)),
+      el("div", { class: "stage" }, mask.root, el("div", { class: "cameras" }, element, second)),
       drawer.root,
       bar.root,
       strip,
@@ -86,7 +89,7 @@ function build(/** @type {HTMLElement} */ root) {
   // Who comes by Tab works by keyboard: show where the cursor is.
   element.addEventListener("keyup", ({ key }) => key === "Tab" && moveCursor(0, 0, false));
   view.page = {
-    root, canvas, element, status, tools, toggles, drawer, bar, player, show: shown,
+    root, canvas, element, status, tools, mask, toggles, drawer, bar, player, show: shown,
     beside: new Beside(shown, second),
     timeline: new Timeline(strip, goTo),
     pointer: listenToPointer(canvas, pointerHost),

@@ -11,6 +11,9 @@ const DASHES = { solid: [], dashed: [6, 4], dotted: [2, 6] };
 const TEXT_FROM = 44; // CSS pixels of patch width from which text fits
 const MARK_FROM = 16;
 const HATCH = 10; // CSS pixels between two lines
+const WASH = "rgb(128 128 128 / 40%)"; // over what is masked
+/** What is said of a masked patch. */
+export const MASKED = "masked: no view";
 const FAINT = 0.5; // opacity of lines around what is clear
 const BOLD = "600 14px system-ui, sans-serif";
 
@@ -70,23 +73,46 @@ function fill(ctx, { x, y, width, height }, label) {
   ctx.globalAlpha = 1;
 }
 
-/** @type {?CanvasPattern} */
-let hatch = null;
-
 /** Thin lines, light beside dark, so that they show on any ground. */
 function hatching(/** @type {Context} */ ctx) {
-  if (hatch) return hatch;
+  return hatchingOf(ctx, [colourOf("unsure"), "#000000"], (x) => HATCH - 1 - x);
+}
+
+/** @type {Map<string, ?CanvasPattern>} By the lines' colours. */
+const hatches = new Map();
+
+/** Lines side by side in these colours; `rowOf` an x within a tile they go through.
+ * @param {Context} ctx @param {string[]} colours @param {(x: number) => number} rowOf
+ */
+function hatchingOf(ctx, colours, rowOf) {
+  const known = hatches.get(colours.join());
+  if (known) return known;
   const tile = document.createElement("canvas");
   tile.width = tile.height = HATCH;
   const of = contextOf(tile);
   for (let x = 0; x < HATCH; x += 1) {
-    of.fillStyle = colourOf("unsure");
-    of.fillRect(x, HATCH - 1 - x, 1, 1);
-    of.fillStyle = "#000000";
-    of.fillRect((x + 1) % HATCH, HATCH - 1 - x, 1, 1);
+    for (const [at, colour] of colours.entries()) {
+      of.fillStyle = colour;
+      of.fillRect((x + at) % HATCH, rowOf(x), 1, 1);
+    }
   }
-  hatch = ctx.createPattern(tile, "repeat");
-  return hatch ?? colourOf("unsure");
+  const made = ctx.createPattern(tile, "repeat");
+  hatches.set(colours.join(), made);
+  return made ?? colours[0];
+}
+
+/** Hatch patches that are no view, in grey and the other way than unsure ones.
+ * @param {CellPlan} plan @param {Iterable<number>} cells
+ */
+export function drawMasked({ ctx, boxOf }, cells) {
+  const lines = hatchingOf(ctx, ["#cccccc", "#cccccc", "#222222", "#222222"], (x) => x);
+  for (const cell of cells) {
+    const { x, y, width, height } = snapped(boxOf(cell));
+    for (const style of [WASH, lines]) {
+      ctx.fillStyle = style;
+      ctx.fillRect(x, y, width, height);
+    }
+  }
 }
 
 /** The first cell of each connected area of equal keys. */

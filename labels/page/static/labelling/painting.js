@@ -2,7 +2,7 @@
 // confirmed: copies of the frame before, which the browser keeps, and suggestions.
 
 import { say } from "../core/dom.js";
-import { clearClass, mission, who } from "../core/mission.js";
+import { clearClass, inView, maskedCells, mission, who } from "../core/mission.js";
 import { read, remove, write } from "../core/settings.js";
 import { labelsChanged, labelsOf } from "../saving/labels.js";
 import { act, changesOf } from "../saving/saver.js";
@@ -31,7 +31,7 @@ export function paint(camera, frame, cells, label, kind = "paint") {
  */
 export function restOf(camera, frame, hints = hintsOf(camera, frame)) {
   const mine = labelsOf(camera, frame)?.mine ?? [];
-  const open = [...mine.keys()].filter((cell) => mine[cell] === null);
+  const open = inView(camera, mine.keys()).filter((cell) => mine[cell] === null);
   const obstacles = modelObstacles(camera, frame);
   if (!obstacles) return { cells: [], left: open.length, waits: true };
   const cells = open.filter((cell) => !obstacles[cell] && !kindOf(hints[cell]?.label ?? ""));
@@ -92,7 +92,8 @@ export function proposeAgain(/** @type {string | undefined} */ key) {
  */
 export function propose(camera, frame, labels, whose, none) {
   const mine = labelsOf(camera, frame)?.mine ?? [];
-  const copies = labels.map((label, cell) => (mine[cell] === null ? label : null));
+  const open = new Set(inView(camera, mine.keys()).filter((cell) => mine[cell] === null));
+  const copies = labels.map((label, cell) => (open.has(cell) ? label : null));
   const count = copies.filter((label) => label !== null).length;
   if (!count) {
     const isNone = labels.every((label) => label === null);
@@ -117,7 +118,7 @@ export function dropAllCopies(/** @type {string} */ camera, /** @type {number} *
   return true;
 }
 
-/** The proposals for the patches of a frame without a label of mine; a copy goes before a
+/** The proposals for the patches in view of a frame without a label of mine; a copy goes before a
  * suggestion, but a clear class is not copied over what the model calls an obstacle.
  * @returns {(?Hint)[]}
  */
@@ -127,8 +128,9 @@ export function hintsOf(/** @type {string} */ camera, /** @type {number} */ fram
   const copies = copiesOf(camera, frame);
   const suggestions = suggestedLabels(camera, frame);
   const obstacles = modelObstacles(camera, frame);
+  const masked = maskedCells(camera);
   return labels.mine.map((label, cell) => {
-    if (label !== null) return null;
+    if (label !== null || masked.has(cell)) return null;
     const suggestion = suggestions?.[cell];
     const said = suggestion?.said;
     const copy = copies[cell];

@@ -112,7 +112,7 @@ function modelSays(/** @type {string} */ camera, /** @type {number} */ frame) {
   }));
   return suggestions.classes.map((index, cell) => ({
     ...words[index],
-    value: suggestions.values[cell],
+    value: suggestions.values[cell] ?? 0,
   }));
 }
 

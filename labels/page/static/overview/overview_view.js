@@ -4,7 +4,7 @@ import { el, say, setAttribute, soon, targetOf } from "../core/dom.js";
 import { showProgress } from "../core/progress.js";
 import { labelKeys } from "../core/keys.js";
 import {
-  chosenClass, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting, setSetting,
+  chosenClass, clearClass, frames, inView, indexFrom, maskedCells, mission, onChange, onReload, onSetting, setSetting,
   setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
@@ -242,8 +242,9 @@ function tally(/** @type {(thumb: Thumb) => ?ThumbContent} */ contentFor) {
   for (const thumb of worked()) {
     const content = contentFor(thumb);
     if (!content || content.waits || thumb.seen === null) sum.waiting += 1;
-    sum.open += content?.mine.filter((own) => own === null).length ?? 0;
-    for (const hint of content?.hints ?? []) if (hint) sum[hint.strong ? "strong" : "weak"] += 1;
+    const { mine = [], hints = [] } = content ?? {};
+    sum.open += inView(thumb.camera, mine.keys()).filter((cell) => mine[cell] === null).length;
+    for (const hint of hints) if (hint) sum[hint.strong ? "strong" : "weak"] += 1;
   }
   return sum;
 }
@@ -403,10 +404,11 @@ function onPainted(cells, mouseButton, own = cells) {
     const { camera, frame } = thumb;
     const mine = contentOf(camera, frame)?.mine;
     if (!mine) continue;
+    const masked = maskedCells(camera);
     // Where the hand was not, clear is not painted over what the model calls an obstacle.
     const obstacles = kindOf(label) === false ? modelObstacles(camera, frame) : [];
     for (const cell of some) {
-      if (mine[cell] === label) continue;
+      if (mine[cell] === label || masked.has(cell)) continue;
       const barred = !own.get(thumb)?.has(cell) && (!obstacles || obstacles[cell]);
       if (barred) left += 1;
       else patches.push({ camera, frame, cell, label, base: mine[cell] });

@@ -2,10 +2,10 @@
 // Labels are drawn as in the view of one frame.
 
 import { contextOf, el, setAttribute } from "../core/dom.js";
-import { mission, setting, stateOf } from "../core/mission.js";
+import { maskedCells, mission, setting, stateOf } from "../core/mission.js";
 import { learnShape, thumbAddress } from "../core/pictures.js";
 import { hintsOf } from "../labelling/painting.js";
-import { drawCells, drawCursor, shownCell } from "../labelling/cell_drawing.js";
+import { MASKED, drawCells, drawCursor, drawMasked, shownCell } from "../labelling/cell_drawing.js";
 import { cellAt, patchSize, rowCol } from "../core/patch_grid.js";
 import { suggestionFault } from "../labelling/suggest.js";
 import { STATES } from "../labelling/frame_states.js";
@@ -51,6 +51,10 @@ export class Thumb {
     );
     /** @type {?boolean} Whether the picture is on the screen; null while it is loading. */
     this.seen = null;
+    this.picture.addEventListener("pointermove", ({ clientX, clientY }) => {
+      const masked = maskedCells(camera).has(this.cellAt(clientX, clientY));
+      setAttribute(this.picture, "title", masked ? MASKED : null);
+    });
     this.image.addEventListener("load", () => {
       this.seen = true;
       if (learnShape(camera, this.image)) onShape();
@@ -86,13 +90,15 @@ export class Thumb {
     this.content = content;
     this.element.classList.toggle("left-out", excluded);
     this.element.classList.toggle("loading", !content || this.seen === null);
-    this.#drawOnce(content ? shownCells(content, painted) : [], cursor);
+    const masked = maskedCells(this.camera);
+    this.#drawOnce(content ? shownCells(content, masked, painted) : [], [...masked], cursor);
     this.#say(content, excluded);
   }
 
   /** Drawing takes much longer than finding out that nothing is to be drawn. */
-  #drawOnce(/** @type {(?ShownCell)[]} */ cells, /** @type {?number} */ cursor) {
-    const drawn = JSON.stringify([setting("tint"), this.size, cursor, cells]);
+  /** @param {(?ShownCell)[]} cells @param {number[]} masked @param {?number} cursor */
+  #drawOnce(cells, masked, cursor) {
+    const drawn = JSON.stringify([setting("tint"), this.size, cursor, cells, masked]);
     if (drawn === this.drawn) return;
     this.drawn = drawn;
     const { width, height } = this.size;
@@ -106,6 +112,7 @@ export class Thumb {
       const [row, col] = rowCol(index);
       return { x: col * patch.width, y: row * patch.height, ...patch };
     };
+    drawMasked({ ctx, boxOf }, masked);
     if (cells.length) drawCells({ ctx, boxOf }, cells);
     drawCursor({ ctx, boxOf }, cursor, []);
   }
@@ -125,8 +132,8 @@ export class Thumb {
   }
 }
 
-/** @param {ThumbContent} content @param {?Map<number, string>} painted */
-function shownCells({ mine, hints }, painted) {
+/** @param {ThumbContent} content @param {Set<number>} masked @param {?Map<number, string>} painted */
+function shownCells({ mine, hints }, masked, painted) {
   const labelOf = (/** @type {number} */ cell) => painted?.get(cell) ?? mine[cell];
-  return mine.map((_, cell) => shownCell(labelOf(cell), hints[cell]));
+  return mine.map((_, cell) => masked.has(cell) ? null : shownCell(labelOf(cell), hints[cell]));
 }

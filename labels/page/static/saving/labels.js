@@ -3,7 +3,7 @@
 import { get, onFailure } from "../core/api.js";
 import { signal } from "../core/dom.js";
 import { framesOf, frameKey, waitingFor } from "./outbox.js";
-import { mission, onChange, onReload, who } from "../core/mission.js";
+import { maskedCells, mission, onChange, onReload, who } from "../core/mission.js";
 /** @import { ActionAnswer, Change, Entry, FrameLabels, Holds, KnownLabels } from "../types.js" */
 /** @import { OwnLabels, Place, ShownLabels, Signal } from "../types.js" */
 
@@ -53,8 +53,9 @@ function copied(/** @type {FrameLabels} */ { mine, settled, models }) {
 /** @param {OwnLabels} labels @param {Entry} entry @param {Change} change @param {Holds} holds */
 function applyChange(labels, entry, change, holds) {
   if (entry.who !== who()) return;
+  const masked = maskedCells(change.camera);
   for (const cell of change.cells) {
-    if (!holds(cell)) continue;
+    if (!holds(cell) || masked.has(cell)) continue;
     if (entry.source === "settled") {
       labels.settled[cell] = change.label;
       continue;

@@ -4,7 +4,7 @@
 import { ApiError, get, onFailure, post } from "../core/api.js";
 import { say, signal } from "../core/dom.js";
 import {
-  mission, onChange, onReload, sameMission, strangerWords, takeNews, who,
+  maskedCells, mission, onChange, onReload, sameMission, strangerWords, takeNews, who,
 } from "../core/mission.js";
 import { acknowledge, labelsChanged, labelsOf } from "./labels.js";
 import {
@@ -77,7 +77,7 @@ export function whenIdle() {
   return promise;
 }
 
-/** Do something to labels; gives the action's key, null if it would change nothing or could not be
+/** Do something to labels of patches in view; gives the action's key, null if it would change nothing or could not be
  * kept. Labels of the frames must be loaded where a change has no `base`.
  * @param {string} kind @param {Wanted[]} changes @param {ActOptions} [options]
  */
@@ -153,7 +153,9 @@ function withBase(change, source, again) {
   const shown = change.base ? null : labelsOf(camera, frame);
   if (!change.base && !shown) throw new Error(`labels of ${camera} ${frame} are not loaded`);
   const base = change.base ?? cells.map((cell) => shown?.[field][cell] ?? null);
-  const kept = [...cells.keys()].filter((at) => again || base[at] !== label);
+  const masked = maskedCells(camera);
+  const may = (/** @type {number} */ at) => !masked.has(cells[at]) && (again || base[at] !== label);
+  const kept = [...cells.keys()].filter(may);
   const [changed, were] = [kept.map((at) => cells[at]), kept.map((at) => base[at])];
   return { camera, frame, label, model, cells: changed, base: were };
 }
@@ -355,6 +357,8 @@ function acknowledged(/** @type {Entry} */ entry, /** @type {ActionAnswer} */ an
     // Of somebody who worked here before: theirs to decide.
     if (entry.who !== who()) readConflicts(mission.mission, who());
   }
+  // By somebody else, and not heard of before.
+  if (answer.masked) say(`${patchesAre(answer.masked)} masked as no view and took no label.`);
   if (answer.undo && !waiting().length && entry.who === who()) takeHeads(answer.undo);
   showFrames(entry);
   stateChanged();

@@ -62,7 +62,12 @@ def test_an_action_and_its_undo(server):
     head |= {"changed": 3, "frames": 1}
     assert done == {
         **{"key": "act-1", "event": done["event"], "changed": 3, "repeated": False},
-        **{"conflicts": [], "states": {"left": {"1": "p"}}, "counts": {**COUNTS, "ocean": 3}},
+        **{
+            "conflicts": [],
+            "masked": 0,
+            "states": {"left": {"1": "p"}},
+            "counts": {**COUNTS, "ocean": 3},
+        },
         "given": {"left": {"1": ["ocean"]}},
         "undo": {"undo": head, "redo": None},
     }

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.view_mask import CameraMasks
 from tokt.labels.page.state.board import Board
 from tokt.labels.record import HUMAN, SETTLED, LabelRecord, utc_now
 from tokt.labels.store.actions import Action, Change
@@ -27,6 +28,7 @@ class Dive:
 
     name = "dive"
     cameras = ("left", "right")
+    masks = CameraMasks()
 
     def frames(self, camera="left"):
         return FRAMES[camera]

@@ -10,6 +10,7 @@ from tests.fixtures import tiny_labels
 from tests.waiting import until
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
+from tokt.features.frames.view_mask import CameraMasks
 from tokt.labels.page.state import review_sheet
 from tokt.labels.page.state.frame_features import FrameFeatures
 from tokt.labels.page.state.review_sheet import rank
@@ -20,7 +21,7 @@ FIRST_PAGE = 50
 @pytest.fixture(scope="module")
 def features(tiny):
     """All frames of the tiny mission, looked at."""
-    made = FrameFeatures(open_mission(tiny.path), Grid())
+    made = FrameFeatures(open_mission(tiny.path), Grid(), CameraMasks())
     yield look_at_all(made, patches_by_label())
     made.background.close()
 
@@ -115,7 +116,7 @@ def test_without_a_second_class_odd_is_what_is_far_from_the_middle(features, cel
 
 
 def test_before_all_frames_are_looked_at_nothing_is_missing(tiny, cells):
-    features = FrameFeatures(open_mission(tiny.path), Grid())
+    features = FrameFeatures(open_mission(tiny.path), Grid(), CameraMasks())
     ranked = rank(features, cells, "ocean")
     assert (ranked.done, ranked.of, ranked.ready) == (0, 40, False)
     assert cells_of(ranked) == cells["ocean"] and math.isnan(all_of(ranked)[0].value)
@@ -137,7 +138,7 @@ def test_the_sheet_says_how_the_order_was_made(features, cells):
 def test_an_unreadable_frame_comes_last(own_tiny, cells):
     (own_tiny.path / "Left" / "tiny_L_7.png").write_bytes(b"")
     cv2.imwrite(str(own_tiny.path / "Left" / "tiny_L_8.png"), np.zeros((3, 500), np.uint8))
-    features = FrameFeatures(open_mission(own_tiny.path), Grid())
+    features = FrameFeatures(open_mission(own_tiny.path), Grid(), CameraMasks())
     ranked = rank(look_at_all(features, cells), cells, "ocean")
     features.background.close()
     last = [cell for cell in cells["ocean"] if cell[1] in (7, 8)]

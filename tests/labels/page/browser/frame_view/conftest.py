@@ -23,7 +23,7 @@ class FramePage:
         """Wait until the frame's picture and labels are there."""
         self.page.wait_for_function(
             "text => document.querySelector('#status')?.textContent.includes(text)"
-            " && document.querySelector('#status').textContent.includes('of 100')",
+            " && / of \\d+ labelled/.test(document.querySelector('#status').textContent)",
             arg=f"left frame {frame} ",
         )
 
