@@ -23,11 +23,11 @@ from .grid import Grid
 
 FEWEST_PICTURES = 12
 """Of fewer that are far apart some edges agree by chance; of such a number in a row, those of what
-is near hardly move: in the sea trial of 20 April 2016 3 of 47 times, of 30 none."""
+is near hardly move: in the sea trial of 20 April 2016 3 of 94 times, of 30 none."""
 _WIDTH = 360  # pixels of the pictures that are compared
 _AROUND_PX = 15  # what changes over more than this is the light
-_STRENGTH = 6.0  # grey levels a pixel: far above what is left of noise
-_FIXED = 0.85  # a swaying of half a pixel leaves as much of a sharp edge
+_STRENGTH = 4.0  # grey levels a pixel: far above what is left of noise
+_FIXED = 0.9  # a sharp edge that sways by half a pixel has less
 _EDGE_PX = 12  # pixels of edges that make a patch marked: a letter has more
 _MOST = 0.3  # of the patches; more of them are a scene that stands still
 

@@ -97,7 +97,7 @@ class ViewMask:
             below = left[row:, col : col + width].all(axis=1)
             height = int(np.argmin(np.append(below, False)))
             left[row : row + height, col : col + width] = False
-            box = col / cols, row / rows, width / cols, height / rows
+            box = int(col) / cols, int(row) / rows, width / cols, height / rows
             boxes.append(tuple(round(value, _DIGITS) for value in box))
         return cls(tuple(boxes))
 

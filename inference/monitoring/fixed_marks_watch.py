@@ -18,7 +18,7 @@ from tokt.inference.report import Event, Report
 from tokt.inference.verdict import OBSTACLE
 
 FEWEST_PICTURES = 40
-"""Of 30 in a row of the sea trial none has marks, wherever they begin; of 20 one time in 98."""
+"""Of 30 or more in a row of the sea trial none has marks, wherever they begin."""
 STEP_S = 0.5
 """Seconds between two pictures that are looked at, where frames have times."""
 

@@ -14,17 +14,22 @@ from tests.inference.stereo.plain_rig import PLAIN, lit_sea
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.features.frames.view_mask import CameraMasks, ViewMask, parse_masks, write_masks
+from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
+from tokt.inference.monitoring.fixed_marks_watch import FixedMarksWatch
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.recording.run_log import events_path
+from tokt.inference.report import Report
 from tokt.inference.sight import SightMeter
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import CLEAR, OBSTACLE
+from tokt.models.bundle.bundle import read_bundle
 from tokt.models.sight import hides_too_much, measure_sight
 
 from .conftest import NoiseScorer
+from .test_faults import hold_row
 
 CLOCK = [(0, 8), (0, 9)]  # patches with noise in each frame, as a clock that runs
 MASK = ("--mask", "0.8,0,0.2,0.1")
@@ -116,6 +121,70 @@ def test_marks_that_never_move_are_named_with_the_words_that_mask_them(run, tmp_
     options = " ".join(re.findall(r"--mask left:\S+", event["words"])).split()
     seen, said, _ = run(folder, *options)
     assert statuses(seen) == [CLEAR] * 45 and "never moved" not in said
+
+
+def clock(picture, number):
+    cv2.putText(picture, f"12:{number:02d}", (290, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.6, 255, 2)
+
+
+def reflection(picture, number):
+    cv2.circle(picture, (300, 40), 22, 200, 2)
+    cv2.circle(picture, (300, 40), 6, 255, -1)
+
+
+def horizon(picture, number):
+    rise, pitch = round(12 * np.sin(number / 4)), 135 + round(8 * np.sin(number / 3))
+    cv2.line(picture, (100, pitch - rise), (260, pitch + rise), 255, 1)
+
+
+def free_water(number):
+    """Water without the edges that `draw` has in each frame."""
+    return np.random.default_rng(number).normal(40, 2, (271, 360)).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("fault", "box"), [(clock, "0.8,0,0.2,0.1"), (reflection, "0.7,0,0.3,0.3"),
+                       (horizon, "0.2,0.4,0.6,0.2")]
+)  # fmt: skip
+def test_what_is_drawn_on_the_picture_is_an_obstacle_until_it_is_masked(fault, box):
+    told = []
+    for masks in (None, parse_masks([box])):
+        policy, watch = (
+            SinglePolicy(TextureDetector(NoiseScorer())),
+            FixedMarksWatch(SYSTEM_CLOCK, told.append),
+        )
+        said = set()
+        for number in range(1, 45):
+            picture = free_water(number)
+            fault(picture, number)
+            frame = Frame(number, float(number), picture, None, masks=masks)
+            judgement = policy.judge(frame)
+            said.add(judgement.verdict.status)
+            report = Report(number, number, frame.t, None, judgement.verdict)
+            watch.judged(frame, judgement, report)
+        assert said == {OBSTACLE if masks is None else CLEAR}
+    moves = fault is horizon
+    assert len(told) == (0 if moves else 1)
+    hold_row(
+        "a thin horizon that rolls, without a mask"
+        if moves
+        else "a clock, or a lamp's reflection in the dome, without a mask",
+        "obstacle",
+        "nothing" if moves else "event `fixed_marks`",
+    )
+    hold_row("a clock, a reflection or a horizon that is masked", "as without it", "nothing")
+
+
+def test_exchanged_colour_channels_are_nothing_to_a_model_that_looks_at_gray(bundle_file):
+    model = read_bundle(bundle_file)
+    for patches, status in (([], CLEAR), ([(4, 5)], OBSTACLE)):
+        picture = draw(patches, 7)
+        coloured = np.dstack([picture, picture, cv2.add(picture, 6)])
+        for one in (coloured, np.ascontiguousarray(coloured[..., ::-1])):
+            policy = SinglePolicy(TextureDetector(model))
+            assert policy.judge(Frame(1, 0.0, one, None)).verdict.status == status
+    row = "colour channels exchanged, for a model that looks at gray"
+    hold_row(row, "as without it", "nothing")
 
 
 def judged(masks, picture, number=1):
