@@ -215,6 +215,7 @@ class EitherPolicy:
             judgement = replace(judgement, features=first.features, boundary=first.boundary)
             warned = first.vetoes_clear or second.vetoes_clear
             return _not_clear(judgement) if warned else judgement
+        health = health_of(health, _disagreement(first.mask, second.mask, second.method))
         joined = replace(
             first,
             mask=np.asarray(cv2.bitwise_or(first.mask, second.mask), np.uint8),
@@ -224,6 +225,16 @@ class EitherPolicy:
             contact_s=second.contact_s,
         )
         return _judgement(joined, health, _reason(first, second))
+
+
+def _disagreement(texture: U8, stereo: U8, method: str) -> str:
+    """Say that one of two detectors alone sees an obstacle; an empty string where both agree."""
+    seen = [float(cv2.mean(mask)[0]) > STATUS_MEAN_THRESHOLD for mask in (texture, stereo)]
+    if seen == [True, False]:
+        return f"texture that {method} does not see: far off, flat, or on the port"
+    if seen == [False, True]:
+        return f"{method} sees what the model takes for water"
+    return ""
 
 
 def _told(detection: Detection) -> str:

@@ -68,7 +68,7 @@ def test_unknown_never_becomes_clear(texture, disparity):
 
     either = EitherPolicy(first, second).judge(FRAME).verdict
     assert either.status == (max(known) if known else -1)
-    assert (either.health == "ok") == (len(known) == 2)
+    assert (either.health == "ok") == (len(known) == 2 and len(set(known)) == 1)
 
     fallback = FallbackPolicy(first, second).judge(FRAME).verdict
     assert fallback.status == (known[0] if known else -1)
@@ -93,6 +93,18 @@ def test_what_a_detector_raises_is_told_in_one_line():
     verdict = SinglePolicy(Says("texture", ANSWERS["raises"])).judge(FRAME).verdict
     assert verdict.health == "the texture detector failed: ZeroDivisionError: division by zero"
     assert verdict.method == "none" and verdict.model is None
+
+
+def test_what_one_of_two_detectors_sees_alone_is_said():
+    def health(texture: Any, disparity: Any) -> str:
+        detectors = Says("texture", texture), Says("disparity", disparity)
+        return EitherPolicy(*detectors).judge(FRAME).verdict.health
+
+    assert health(mask(3), mask()) == (
+        "texture that disparity does not see: far off, flat, or on the port"
+    )
+    assert health(mask(), mask(3)) == "disparity sees what the model takes for water"
+    assert health(mask(3), mask(80)) == health(mask(), mask()) == "ok"
 
 
 def test_either_joins_the_masks():
