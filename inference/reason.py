@@ -60,6 +60,9 @@ class Reason(StrEnum):
     BLURRED = "blurred"
     """A part of the view has none of the fine detail that the camera's pictures have.
     Clean the port; check the focus, and whether the video is compressed more than in training."""
+    VISIBILITY = "visibility"
+    """The water lets too little contrast through: what is there may not be seen.
+    Go slower and nearer, lower the lamps; label frames of this water and run `tokt adapt`."""
     FROZEN = "frozen"
     """A camera repeats its last picture, a part of it, or an earlier one.
     Restart the camera or its encoder."""

@@ -184,7 +184,9 @@ MEANINGS = {
     "heartbeats",
     "sight": "seen: part of the view in which an obstacle would be seen, 0 to 1. blind: box around "
     "the largest part where none would be: x0, y0, width, height, as parts of the view. masked: "
-    "part of it that is no view. Null in heartbeats, and where nothing was looked at",
+    "part of it that is no view. visibility: contrast of the last 15 frames over the training "
+    "frames'. visibility_m: how far off stereo has matched anything in as many pairs. Null in "
+    "heartbeats, and where nothing was looked at",
     "run": "the run's id: a log holds run after run",
     "frame": "the frame's number in its source; null in a heartbeat's line",
     "missed": "frames not delivered since the one before",

@@ -43,6 +43,7 @@ frame resized to width 360, where averaging has taken noise away.
 _LEAST_PATCH_PX = 3  # of the resized frame: the least of a grid
 _LAGS = (1, 2, 4, 16)  # pixels of the frame
 _COARSE_LAGS = (1, 4)  # pixels of the resized frame
+_BEYOND_NOISE = 2  # from that lag on neighbouring noise is alike no more, be it of a mosaic
 _NEXT_ROW = 2 + len(_LAGS)  # where the kernel has the differences from it
 _PIXELS = 400  # of a patch that are compared: a thirtieth of those of 1360x1024
 _FEWEST_VALUES = 60
@@ -60,6 +61,12 @@ class PatchDetail:
     difference: F64  # mean over all lags and both directions, in grey levels
     repeated: F64  # part of the rows of pixels that are the same as the next one; 0 if they are few
     measures: F64  # (rows, cols, 9): `MEASURES`
+    contrast: F64  # of specks and edges, over the level: differences that noise does not make
+
+    @property
+    def visible_contrast(self) -> float:
+        """The frame's: the median, as what is near or covered is a part of it."""
+        return float(np.median(self.contrast))
 
 
 @lru_cache(maxsize=8)
@@ -125,16 +132,17 @@ def patch_detail(
     if channels * (width // grid.cols) < _FEWEST_VALUES:
         repeated[:] = 0
     mean = sums.sum(axis=1) / (rows.shape[1] * (width // grid.cols) * channels)
-    squares = KERNELS.curvature_sums(gray16, grid, _COARSE_LAGS)
+    squares = KERNELS.curvature_sums(gray16, grid, (*_COARSE_LAGS, _BEYOND_NOISE))
     pixels = math.prod(grid.patch_size(*gray16.shape)) * STEPS_PER_LEVEL**2
     coarse = squares.reshape(grid.rows, grid.cols, -1) / pixels
     view = np.ones(repeated.shape, bool) if masked is None else ~masked
     for each in (mean, coarse, repeated):
         each[~view] = each[view].mean(axis=0)
     differences = mean[..., 2:]
-    measures = _measures(mean[..., 0], differences, coarse, view)
+    measures = _measures(mean[..., 0], differences, coarse[..., :2], view)
     mean_difference = differences.mean(axis=-1)
-    return PatchDetail(mean[..., 0], mean[..., 1], mean_difference, repeated, measures)
+    contrast = np.sqrt(np.maximum(coarse[..., 1] - coarse[..., 2], 0)) / (mean[..., 0] + 1)
+    return PatchDetail(mean[..., 0], mean[..., 1], mean_difference, repeated, measures, contrast)
 
 
 def _measures(level: F64, differences: F64, coarse: F64, view: Bools) -> F64:

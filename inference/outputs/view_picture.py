@@ -155,6 +155,8 @@ def _facts(verdict: Verdict, of_now: bool, named: str) -> dict[str, str]:
         told["steer"] = ", ".join(steer)
     if named:
         told["object"] = named
+    if (seen := (verdict.sight or {}).get("visibility")) is not None:
+        told["visibility"] = f"{100 * seen[0]:.0f} %"
     return {**told, "model": verdict.model or verdict.method, "health": verdict.health}
 
 

@@ -26,6 +26,7 @@ OBSTACLE_CAUSE = "obstacle"
 
 DOUBTS = (
     *(Reason.DARK, Reason.SATURATED, Reason.BLANK, Reason.DAMAGED, Reason.BLURRED),
+    Reason.VISIBILITY,
     Reason.WRONG_SIZE,
     *(Reason.DETECTOR_FAILED, Reason.NOT_FINITE, Reason.FRAME_RULE, Reason.STEREO, Reason.LATE),
     *(Reason.DRIFT, Reason.NOVEL, Reason.NO_COLOUR, Reason.SEDIMENT, Reason.MOVING),

@@ -26,7 +26,7 @@ from tokt.features.kernels.quantization import STEPS_PER_LEVEL
 from tokt.inference.config import BM, DEFAULT_SCALE
 from tokt.inference.frame import Frame, pair_shape_fault
 from tokt.inference.reason import Reason
-from tokt.inference.sight import SightMeter, stereo_meter
+from tokt.inference.sight import CONTRAST_FRAMES, SightMeter, stereo_meter
 from tokt.inference.verdict import DISPARITY, STATUS_MEAN_THRESHOLD, Detection
 
 from .calibration import StereoCalibration
@@ -38,6 +38,8 @@ from .rectify import Rectifier
 
 NEAR_PERCENTILE = 20.0
 """Percentile of the depths that is reported as the distance: near, yet no few stray matches."""
+FAR_PERCENTILE = 95.0
+"""Percentile of the depths that says how far one sees."""
 
 
 class Observation(NamedTuple):
@@ -76,6 +78,7 @@ class DisparityDetector:
         self._drift = EpipolarDriftCorrection()
         self._health = PairHealth()
         self._closing = ClosingSpeed()
+        self._farthest_px: deque[float | None] = deque(maxlen=CONTRAST_FRAMES)
         self._matcher = DenseMatcher(self.rectifier, self.matcher, self.kernels, self.step)
         width, height = self.calibration.frame_size
         self._mask_size = self.grid.resized(height, width)
@@ -109,7 +112,7 @@ class DisparityDetector:
         if doubt is not None and not unfit.fault:
             doubt = self._health.explained(doubt, frame.left, frame.right, self.match)
         judged = self._judged(views, found, unfit, doubt)
-        judged = replace(judged, sight=self.sight.of(frame))
+        judged = replace(judged, sight=replace(self.sight.of(frame), reach_m=self._reach_m(found)))
         if frame.timed:
             closing_m_s, contact_s = self._closing.add(frame.t, judged.distance_m)
             judged = replace(judged, closing_m_s=closing_m_s, contact_s=contact_s)
@@ -154,6 +157,15 @@ class DisparityDetector:
             return replace(faint, note=f"{faint.note}; {unfit.fault}")
         waits = faint.fault.reason is Reason.FRAME_RULE
         return replace(unjudged, vetoes_clear=unjudged.vetoes_clear or waits)
+
+    def _reach_m(self, found: Matches) -> float | None:
+        """Distance in metres of the farthest that was matched in the last pairs."""
+        px = None
+        if found.valid.any():
+            px = float(np.percentile(found.disparity_px[found.valid], 100 - FAR_PERCENTILE))
+        self._farthest_px.append(px)
+        known = [each for each in self._farthest_px if each is not None]
+        return self.rectifier.focal_baseline_px_m / min(known) if known else None
 
     def depth_m(self, found: Matches) -> F32:
         """Depth in metres along the views' axis, float32, (height, width); nan without a match."""

@@ -14,7 +14,7 @@ from tokt.features.extractors.patch_detail import detail_grid
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.sight import SightMap, SightMeter
+from tokt.inference.sight import CONTRAST_FRAMES, SightMap, SightMeter
 from tokt.inference.verdict import (
     OBSTACLE,
     STATUS_MEAN_THRESHOLD,
@@ -137,7 +137,9 @@ class TextureDetector:
     def window_frames(self) -> int:
         """How many of the last frames decide about one, itself among them."""
         frames = self._water.prior.frames if self._water.prior else 1
-        # Each of the rule's frames has its own boundary.
+        if any(each.contrast for each in self.scorer.sight):
+            frames = max(frames, CONTRAST_FRAMES)
+        # Each of the rule's frames has its own boundary, and its own visibility.
         return self._rule.rule.n + frames - 1
 
     def detect(self, frame: Frame) -> Detection:

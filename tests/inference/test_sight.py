@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.calls import refuses
+from tests.inference.test_faults import hold_row
 from tests.tiers import scaled
 from tokt.features.extractors.patch_detail import MEASURES, patch_detail
 from tokt.inference.frame import Frame, shape_fault
@@ -254,7 +255,9 @@ def test_numbers_of_sight_that_are_none_are_refused():
     good = sight_to_json(limits())
     (size,) = good["sizes"]
     for odd, words in (
-        ({"format": 2, "sizes": []}, "format 2"),
+        ({"format": 3, "sizes": []}, "format 3"),
+        ({"format": 2, "sizes": [{**size, "least_contrast": 9.0}]}, "contrast"),
+        ({"format": 2, "sizes": [{**size, "contrast": float("inf")}]}, "contrast"),
         ({"format": 1}, "other entries"),
         ({"format": 1, "sizes": [{}]}, "other entries"),
         ({"format": 1, "sizes": [{**size, "limits": {}}]}, "other entries"),
@@ -266,3 +269,103 @@ def test_numbers_of_sight_that_are_none_are_refused():
     ):
         refuses(words, sight_from_json, odd)
     assert set(size["limits"]) == set(MEASURES)
+
+
+def test_numbers_of_the_first_format_have_no_contrast():
+    """What bundles of before hold."""
+    value = sight_to_json(limits())
+    (size,) = value["sizes"]
+    old = {name: size[name] for name in size if name not in ("contrast", "least_contrast")}
+    (found,) = sight_from_json({"format": 1, "sizes": [old]})
+    assert found == replace(limits()[0], contrast=0.0, least_contrast=0.0)
+    meter = SightMeter([found])
+    assert "visibility" not in meter.of(Frame(1, 0.0, water(1), None)).to_fields()
+
+
+def turbid(picture: np.ndarray, part: float, seed: int) -> np.ndarray:
+    """Water that lets a part of the contrast through, with the camera's own noise on it."""
+    noise, _ = layers(seed)
+    light = fall_of_light()
+    return rounded(light + (picture - light) * part + noise * np.sqrt(1 - part**2))
+
+
+def visibilities(change, meter: SightMeter | None = None) -> list[SightMap]:
+    meter = meter or SightMeter(limits())
+    return [
+        meter.of(Frame(seed, float(seed), change(water(seed), seed), None))
+        for seed in range(100, 120)
+    ]
+
+
+def test_rows_of_two_moments_are_not_clear():
+    found = [look(combed(water(seed))).fault for seed in range(120, 126)]
+    assert {fault.reason for fault in found} == {Reason.DAMAGED}
+    hold_row(
+        "interlaced: every other row is of another moment", "unknown `damaged`", "frames by reason"
+    )
+
+
+def test_a_torn_picture_shows_what_two_moments_show():
+    """One edge alone hides nothing."""
+    for seed in range(126, 132):
+        torn = water(seed)
+        torn[HEIGHT // 3 :] = water(seed + 1)[HEIGHT // 3 :]
+        assert not look(torn).fault
+    hold_row("a torn picture: its lower rows are of the frame before", "as without it", "nothing")
+
+
+GAMMA_HALF = np.rint(255 * (np.arange(256) / 255) ** 0.5).astype(np.uint8)
+LOW_CONTRAST = {
+    "water that lets half of the contrast through": (
+        lambda one, seed: turbid(one, 0.5, seed),
+        ["visibility", "damaged", "blank"],
+    ),
+    "another tone curve (gamma 0.5)": (
+        lambda one, seed: cv2.LUT(one, GAMMA_HALF),
+        ["visibility", "blurred"],
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", LOW_CONTRAST)
+def test_low_contrast_is_told_and_not_clear(fault):
+    change, reasons = LOW_CONTRAST[fault]
+    usual, low = visibilities(lambda one, seed: one), visibilities(change)
+    assert all(0.9 < one.visibility < 1.1 and not one.fault for one in usual)
+    assert all(one.visibility < 0.7 for one in low)
+    assert {one.fault.reason for one in low} <= set(reasons)
+    assert all(one.to_fields()["visibility"] == (round(one.visibility, 2),) for one in low)
+    *first, last = (f"`{reason}`" for reason in reasons)
+    said = f"unknown {', '.join(first)} or {last}"
+    hold_row(fault, said, "frames by reason; `visibility`")
+
+
+def gamma(power: float):
+    levels = np.rint(255 * (np.arange(256) / 255) ** power).astype(np.uint8)
+    return lambda one, seed: cv2.LUT(one, levels)
+
+
+def test_low_contrast_alone_is_not_clear():
+    """Where each patch has detail enough for its noise."""
+    low = visibilities(gamma(0.7))
+    assert {one.fault.reason for one in low} == {Reason.VISIBILITY}
+    assert "contrast is 0.73 of the training frames'" in low[-1].fault
+
+
+def test_visibility_is_that_of_the_last_frames():
+    meter = SightMeter(limits())
+    visibilities(lambda one, seed: one, meter)
+    last = visibilities(gamma(0.7), meter)
+    assert last[0].visibility > 0.95 and last[-1].visibility < 0.75
+    assert not last[0].fault and last[-1].fault.reason is Reason.VISIBILITY
+    # A lamp that is out says nothing of the water.
+    dark = meter.of(Frame(200, 200.0, np.zeros((HEIGHT, WIDTH, 3), np.uint8), None))
+    assert dark.fault.reason is Reason.DARK and dark.visibility == last[-1].visibility
+
+
+def test_a_model_that_learnt_in_turbid_water_may_judge_there():
+    (clear,) = limits()
+    murky = replace(clear, height=240, width=320, least_contrast=0.5 * clear.contrast)
+    found = visibilities(gamma(0.7), SightMeter([clear, murky]))
+    assert not any(one.fault for one in found)
+    assert all(one.visibility < 0.8 for one in found), "told all the same"

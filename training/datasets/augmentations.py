@@ -2,8 +2,9 @@
 
 A model is to say the same of them. They are learnt from (`TrainingSettings.changes`, the option
 ``--changes``) and tested on (``tokt train --stress``). Named ``gain_0.5`` (light times a half, as
-exposure or a camera's gain change it), ``jpeg_60`` (stored as a JPEG of quality 60) and
-``noise_1`` (each value up or down by at most 1, evenly).
+exposure or a camera's gain change it), ``gamma_0.7`` (each value over 255 to this power, as a
+camera's or a recorder's tone curve), ``jpeg_60`` (stored as a JPEG of quality 60) and ``noise_1``
+(each value up or down by at most 1, evenly).
 """
 
 import math
@@ -18,7 +19,7 @@ from tokt.features.frames.image_file import pixel_sha256
 
 STRESS = (
     *("gain_0.5", "gain_0.7", "gain_1.4", "gain_2"),
-    *("jpeg_60", "jpeg_75", "jpeg_95", "noise_1"),
+    *("gamma_0.7", "gamma_1.4", "jpeg_60", "jpeg_75", "jpeg_95", "noise_1"),
 )
 """What ``--stress`` tests on."""
 
@@ -45,6 +46,9 @@ def augment(frame: U8, name: str) -> U8:
     kind, value = parse_augmentation(name)
     if kind == "gain":
         return np.asarray(np.clip(np.rint(frame * value), 0, 255), np.uint8)
+    if kind == "gamma":
+        levels = np.rint(255 * (np.arange(256) / 255) ** value).astype(np.uint8)
+        return np.asarray(cv2.LUT(frame, levels), np.uint8)
     if kind == "jpeg":
         data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, int(value)])[1]
         return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), np.uint8)
@@ -61,8 +65,9 @@ def parse_augmentation(name: str) -> tuple[str, float]:
     whole = value.is_integer()
     if (
         (kind == "gain" and 0 < value <= 16)
+        or (kind == "gamma" and 0 < value <= 4)
         or (kind == "jpeg" and whole and 1 <= value <= 100)
         or (kind == "noise" and whole and 1 <= value <= 64)
     ):
         return kind, value
-    raise ToktError(f"no picture change {name!r} (they are like gain_0.5, jpeg_60 and noise_1)")
+    raise ToktError(f"no picture change {name!r} (they are like gain_0.5, gamma_0.7, jpeg_60 and noise_1)")

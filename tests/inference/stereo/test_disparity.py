@@ -51,6 +51,14 @@ def test_a_square_is_found_where_it_is_at_its_distance(plain):
     found = plain.detect(Frame(1, 0.0, *pair(700)))
     assert found.mask is not None and found.mask.shape == (271, 360)
     assert found.distance_m == pytest.approx(DEPTH_M, rel=0.01)
+    assert found.sight.reach_m == pytest.approx(DEPTH_M, rel=0.03)
+    for number in range(2, 18):  # as long as the last pairs had anything to match
+        empty = [
+            view.round().astype(np.uint8) for view in (even_sea(0, number), even_sea(1, number))
+        ]
+        sight = plain.detect(Frame(number, 0.0, *empty)).sight
+        assert (sight.reach_m is None) == (number > 15)
+        assert ("visibility_m" in sight.to_fields()) == (number <= 15)
     verdict = verdict_from_mask(found.mask, "disparity")
     assert verdict.status == 1 and verdict.box is not None
     x0, y0, width, height = verdict.box

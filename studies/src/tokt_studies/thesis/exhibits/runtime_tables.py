@@ -246,7 +246,7 @@ def tokt_texture(
         pictures = FramePictures(frame, GRID)
         gray16 = pictures.gray16
         laps.lap("resize")
-        SightMeter().measure(frame, gray16)
+        SightMeter().of(Frame(0, 0.0, frame, None), gray16=gray16)
         laps.lap(REST)
         features = extractor.describe_pictures(pictures)
         laps.lap("features")
