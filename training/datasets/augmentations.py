@@ -70,4 +70,6 @@ def parse_augmentation(name: str) -> tuple[str, float]:
         or (kind == "noise" and whole and 1 <= value <= 64)
     ):
         return kind, value
-    raise ToktError(f"no picture change {name!r} (they are like gain_0.5, gamma_0.7, jpeg_60 and noise_1)")
+    raise ToktError(
+        f"no picture change {name!r} (they are like gain_0.5, gamma_0.7, jpeg_60, noise_1)"
+    )
