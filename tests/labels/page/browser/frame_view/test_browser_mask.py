@@ -208,6 +208,7 @@ def test_the_overview_shows_the_mask_and_labels_around_it(browse, server):
     set_mask(server, CLOCK)
     page = browse(server, "#/overview/left/20")
     page.wait_for_selector("[data-frame='20'] img")
+    page.wait_for_function("() => !document.querySelector('.thumb.loading')")
     thumb = page.locator("[data-frame='20'] .thumb-picture")
     until(lambda: ink(page, 0.85, 0.05) and not ink(page, 0.25, 0.05))
     box = thumb.bounding_box()
