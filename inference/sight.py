@@ -279,8 +279,8 @@ class SightMeter:
         if not self._contrasts:
             return sight
         visibility = float(np.median(self._contrasts)) / limits.contrast
-        least = min(each.least_contrast for each in self.limits if each.contrast)
-        return replace(sight, visibility=visibility, least_visibility=least / limits.contrast)
+        least = limits.least_contrast / limits.contrast
+        return replace(sight, visibility=visibility, least_visibility=least)
 
 
 def stereo_meter() -> SightMeter:

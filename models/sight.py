@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import cv2
@@ -47,8 +47,9 @@ connected group, and of the middle 4x4. The frames that `_SLACK` was chosen on h
 
 LEAST_VISIBLE = 0.85
 _LOW_QUANTILE = 0.05
-"""The contrast that a frame has at least is this part of this quantile of the training frames', of
-the size where that is lowest: where a model learnt in turbid water, it may judge there. On the left
+_FEWEST_FRAMES = 20
+"""The contrast that a frame has at least is this part of this quantile of the training frames', if
+there are so many: where a model learnt in turbid water, it may judge in turbid water. On the left
 frames of the sea trial of 20 April 2016 it comes to 0.62 of their median. The median of 15 of its
 frames is 0.73 and more; with limits of three quarters of the dive that of the fourth is at least
 0.88 of the quantile, of the right camera's 0.87. With half of the contrast it is 0.56 of the median
@@ -117,10 +118,8 @@ class SightLimits:
         )
         rounded = tuple(round(float(limit), 3) for limit in limits)
         numbers = round(darkest, 3), round(repeated, 3), rounded, round(float(told), 3)
-        contrasts = [one.visible_contrast for one in sharp]
-        least = LEAST_VISIBLE * float(np.quantile(contrasts, _LOW_QUANTILE))
-        seen = round(float(np.median(contrasts)), 5), round(least, 5)
-        return cls(height, width, *numbers, *seen)
+        contrast = float(np.median([one.visible_contrast for one in sharp]))
+        return cls(height, width, *numbers, round(contrast, 5))
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""
@@ -165,7 +164,17 @@ def measure_sight(
             tried = (patch_detail(_blurred(frame, by), masked=masked) for by in _BLURRED_BY)
             blurred += [one for one in tried if one is not None]
         sharp.append(detail)
-    return tuple(SightLimits.of(*size, *details) for size, details in sorted(sizes.items()))
+    found = [SightLimits.of(*size, *details) for size, details in sorted(sizes.items())]
+    least = _least_contrast([one for sharp, _ in sizes.values() for one in sharp], found)
+    return tuple(replace(one, least_contrast=least) for one in found)
+
+
+def _least_contrast(frames: Sequence[PatchDetail], sizes: Sequence[SightLimits]) -> float:
+    """The contrast below which too little is seen; 0 of too few frames to tell."""
+    if len(frames) < _FEWEST_FRAMES:
+        return 0.0
+    low = float(np.quantile([one.visible_contrast for one in frames], _LOW_QUANTILE))
+    return round(LEAST_VISIBLE * min(low, *(one.contrast for one in sizes)), 5)
 
 
 def _blurred(frame: U8, by: float) -> U8:

@@ -365,7 +365,12 @@ def test_visibility_is_that_of_the_last_frames():
 
 def test_a_model_that_learnt_in_turbid_water_may_judge_there():
     (clear,) = limits()
-    murky = replace(clear, height=240, width=320, least_contrast=0.5 * clear.contrast)
-    found = visibilities(gamma(0.7), SightMeter([clear, murky]))
-    assert not any(one.fault for one in found)
-    assert all(one.visibility < 0.8 for one in found), "told all the same"
+    few = measure_sight([water(seed) for seed in range(5)])
+    for known in ([replace(clear, least_contrast=0.5 * clear.contrast)], few):
+        found = visibilities(gamma(0.7), SightMeter(known))
+        assert not any(one.fault.reason is Reason.VISIBILITY for one in found)
+        assert all(one.visibility < 0.8 for one in found), "told all the same"
+    murky = [rounded(40 + 0.3 * (water(seed) - 40.0)) for seed in range(20)]
+    both = measure_sight([*murky, *(cv2.resize(water(seed), (320, 240)) for seed in range(20))])
+    assert len({one.least_contrast for one in both}) == 1
+    assert 0 < both[0].least_contrast < 0.5 * clear.least_contrast
