@@ -172,7 +172,7 @@ def _notes(session: Session, who: str, camera: str, frame: int) -> list[dict[str
 def _suggestions(session: Session, camera: str, frame: int) -> dict[str, Any] | None:
     """Suggested classes (indices into the model's) and margins by cell; None without a model.
 
-    A margin is null where the patch is masked.
+    A margin is null where nothing is suggested: the patch is masked, or clear and not seen.
     """
     if session.suggester is None:
         return None

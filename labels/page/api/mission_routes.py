@@ -29,8 +29,10 @@ from .messages import (
     SeenBody,
     SessionOf,
     SettingBody,
+    Version,
     Who,
     check_frame,
+    check_version,
     json_response,
     refuse,
 )
@@ -147,6 +149,14 @@ def get_frame_info(session: SessionOf, camera: Camera, frame: Frame) -> Response
     except ToktError as error:
         raise refuse(400, str(error)) from None
     return json_response(asdict(found) if found else {})
+
+
+@router.get("/sight")
+def get_sight(session: SessionOf, camera: Camera, frame: Frame, version: Version = "") -> Response:
+    """Why each patch of a frame is not seen; an empty string where it is."""
+    check_version(session, version)
+    check_frame(session, camera, frame)
+    return json_response({"causes": session.unseen(camera, frame)})
 
 
 @router.get("/queue")

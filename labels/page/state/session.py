@@ -23,8 +23,8 @@ from tokt.features.frames.mission import Mission
 from tokt.features.frames.view_mask import CameraMasks, read_masks, write_masks
 from tokt.labels.formats.frame_metadata import FrameMetadata, mission_metadata
 from tokt.labels.formats.images import FrameKey
-from tokt.labels.page.masks import drawn_mask, frame_size
-from tokt.labels.page.suggestions.suggester import Suggester
+from tokt.labels.page.masks import covered_frame, drawn_mask, frame_size
+from tokt.labels.page.suggestions.suggester import Sight, Suggester
 from tokt.labels.page.suggestions.suggestion_table import mission_stamp
 from tokt.labels.record import LabelRecord, utc_now
 from tokt.labels.store.known_missions import note_mission
@@ -78,6 +78,7 @@ class Session:
     carry: Carry | None = None
     """Gives a right frame its labels from both frames, the left one's labels and the names of what
     is clear."""
+    sight: Sight | None = None
     changing: threading.Lock = field(default_factory=threading.Lock)
     """Held by who changes the classes or the masks."""
     jobs: Jobs = field(default_factory=Jobs)
@@ -145,7 +146,7 @@ class Session:
     def use_model(self, bundle: Bundle) -> None:
         """Suggest what another model says, and tell all pages; ToktError if its grid differs."""
         cache = self.store.path.parent / CACHE
-        fresh = Suggester(bundle, self.mission, self.grid, cache, self.board.masks)
+        fresh = Suggester(bundle, self.mission, self.grid, cache, self.board.masks, self.sight)
         before, self.suggester = self.suggester, fresh
         fresh.background.start()
         self.live.publish()
@@ -177,6 +178,15 @@ class Session:
         if self.suggester is not None:
             self.use_model(self.suggester.bundle)
         self.live.publish()
+
+    def unseen(self, camera: str, frame: int) -> Sequence[str]:
+        """Why each patch of a frame is not seen; "" where it is. Raises FrameError."""
+        if self.sight is None:
+            return [""] * self.grid.n_patches
+        limits = self.suggester.bundle.sight if self.suggester else ()
+        masks = self.board.masks
+        picture = covered_frame(self.mission, masks, camera, frame)
+        return self.sight(limits, picture, masks.of(camera))
 
     def progress(self) -> dict[str, int] | None:
         """How many frames the model has been asked about; None without a model."""
@@ -308,11 +318,12 @@ def open_session(
     version: str,
     taxonomy: Path | None = None,
     bundle: Bundle | None = None,
+    sight: Sight | None = None,
 ) -> Session:
     """Open the workspace's labels of a mission, ready to be served.
 
     The workspace is made if it is not there. `taxonomy` goes before the workspace's and the
-    packaged one; `bundle` is the model whose suggestions are shown.
+    packaged one; `bundle` is the model whose suggestions are shown, `sight` says what is not seen.
 
     Raises ToktError if the store cannot be written, its labels of this name are of another dive, or
     the mission, the annotator's name, the taxonomy or the model cannot be used.
@@ -332,8 +343,10 @@ def open_session(
         session.pictures_version = stamp.hexdigest()[:16]
         session.find_fault()
         session.taxonomy_file = taxonomy
+        session.sight = sight
         if bundle is not None:
-            session.suggester = Suggester(bundle, mission, grid, workspace / CACHE)
+            cache = workspace / CACHE
+            session.suggester = Suggester(bundle, mission, grid, cache, sight=sight)
     except ToktError:
         store.close()
         raise

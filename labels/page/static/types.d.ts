@@ -248,13 +248,14 @@ export interface Hint {
 // labelling/suggest.js
 
 /** What the model alone says of a patch; `named`: by a class of the taxonomy; `obstacle`: whether
- * it is one to the model.
+ * it is one to the model; `known`: not where that is clear and the patch is not seen.
  */
 export interface Says {
   label: string;
   value: number;
   named: boolean;
   obstacle: boolean;
+  known: boolean;
 }
 
 /** What holds; `mine`: it goes back to what a person said. */
@@ -310,6 +311,7 @@ export interface FrameContent {
   stroke?: { cells: Iterable<number>, label: string | null } | null;
   plain?: boolean;
   masked: Set<number>;
+  unseen?: number[];
   pending?: Iterable<number>;
   tag?: string | null;
 }

@@ -81,7 +81,9 @@ class _Queue:
 
     def __init__(self, known: MissionSuggestions, free: Bools) -> None:
         # Two digits, as the reason given says them.
-        self._near = float(f"{_NEAR_SHARE * float(np.nanmedian(known.values)):.2g}")
+        known_values = known.values[~np.isnan(known.values)]
+        usual = float(np.median(known_values)) if known_values.size else 0.0
+        self._near = float(f"{_NEAR_SHARE * usual:.2g}")
         unsure = _unsure(known.values, self._near)
         self.candidates = candidates = _candidates(unsure, free)
         self._known = known

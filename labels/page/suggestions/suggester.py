@@ -4,21 +4,23 @@ import hashlib
 import json
 import threading
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from tokt.features.common.arrays import F64
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.atomic import write_bytes
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission, VideoMission
-from tokt.features.frames.view_mask import CameraMasks
+from tokt.features.frames.view_mask import CameraMasks, ViewMask
 from tokt.labels.page.background import Background
 from tokt.labels.page.frames import for_background
 from tokt.labels.page.masks import covered_frame
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.linear import LinearModel
+from tokt.models.sight import SightLimits
 
 from .suggestion_table import (
     FrameSuggestions,
@@ -32,6 +34,10 @@ _ASPECT_TOLERANCE = 0.02  # of width over height; a row more or less is a crop o
 _OTHER_CAMERA = 50  # frames; so much nearer the shown camera's frames are computed first
 _SAVE_EVERY_S = 60.0
 
+Sight = Callable[[Sequence[SightLimits], U8, ViewMask | None], Sequence[str]]
+"""Says why each patch of a covered picture is not seen, by a model's limits and the picture's mask;
+an empty string where it is seen."""
+
 
 class Suggester:
     """A model's suggestions, frame by frame, `background` computing those near the one shown first.
@@ -39,6 +45,7 @@ class Suggester:
     For any number of threads. They are kept in the folder `cache` for the next time: valid for this
     bundle, these masks and these files, by their size and time. One that cannot be written only
     costs time. What is masked, by default as the mission says, is covered and gets no suggestion.
+    What is not seen, by `sight`, is not suggested as clear.
 
     Raises ToktError if the model looks at frames through another grid than the one labelled in.
     """
@@ -50,6 +57,7 @@ class Suggester:
         grid: Grid,
         cache: Path,
         masks: CameraMasks | None = None,
+        sight: Sight | None = None,
     ) -> None:
         if bundle.grid != grid:
             raise ToktError(
@@ -59,6 +67,7 @@ class Suggester:
         self.bundle = bundle
         self._mission = mission
         self._masks = mission.masks if masks is None else masks
+        self._sight = sight
         self._own_mission = for_background(mission)
         self._table = SuggestionTable(mission, grid.n_patches, bundle.extractor.dim)
         self._lock = threading.Lock()
@@ -125,13 +134,21 @@ class Suggester:
                 features = self.bundle.extractor.describe(image, grid)
                 found = suggestions(self.bundle.model, self.bundle.values_alone(features))
                 masked = self._masks.patches(camera, grid, *size).reshape(-1)
-                found.values[masked] = np.nan
+                unknown = self._unknown(found.classes, image, self._masks.of(camera))
+                found.values[masked | unknown] = np.nan
                 features = features[~masked]
         except (ToktError, ValueError) as error:  # unreadable, or nothing the model can judge
             found, features = no_suggestions(str(error)), None
         with self._lock:
             self._table.put(index, found, features)
         return found
+
+    def _unknown(self, classes: I64, image: U8, mask: ViewMask | None) -> Bools:
+        """The patches that the model calls clear, though nobody can see what is there."""
+        unseen = np.zeros(len(classes), bool)
+        if self._sight is not None:
+            unseen = np.array(self._sight(self.bundle.sight, image, mask)) != ""
+        return np.asarray(unseen & ~np.array(self.bundle.model.obstacle)[classes])
 
     def _size_fault(self, height: int, width: int) -> str:
         """Why a frame is of another shape than all that the model learnt from, or nothing."""

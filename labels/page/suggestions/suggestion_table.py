@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tokt.features.common.arrays import F32, F64, I64, Bools
 from tokt.features.frames.mission import FolderMission, Mission
 
-FORMAT = 1
+FORMAT = 2
 _TO_DO, _JUDGED, _FAULTY = range(3)
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 
@@ -25,7 +25,8 @@ class FrameSuggestions:
 
     classes: I64  # (n_patches,): index into the model's classes
     # (n_patches,): how far the decision is on the side of that class, 0 and more: with two classes
-    # the distance to the threshold, with more the lead over the second best. NaN where masked.
+    # the distance to the threshold, with more the lead over the second best. NaN where masked,
+    # or where the class is clear and the patch is not seen: nothing is suggested there.
     values: F64
     fault: str = ""  # why there are no suggestions, the arrays being empty; or an empty string
 

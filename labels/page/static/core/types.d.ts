@@ -127,7 +127,7 @@ export interface Note {
 export interface Suggestions {
   model: string;
   classes: number[];
-  /** Null where the patch is masked. */
+  /** Null where the patch is masked, or where it is clear to the model and not seen. */
   values: (number | null)[];
   fault: string;
 }
@@ -282,6 +282,7 @@ export interface Answers {
   "/api/frames_with": { cameras: ByCamera };
   "/api/frames_at": { cameras: ByCamera };
   "/api/frame_info": FrameInfo;
+  "/api/sight": { causes: string[] };
   "/api/sheet": SheetAnswer;
   "/api/agreement": Agreement;
   "/api/audits": { audits: AuditListed[] };

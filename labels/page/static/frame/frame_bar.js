@@ -8,6 +8,7 @@ import { MASKED, disagree } from "../labelling/cell_drawing.js";
 import { cellName } from "../core/patch_grid.js";
 import { filterChoices, filterName, filterSelect, passingFrames } from "../labelling/filters.js";
 import { STATES } from "../labelling/frame_states.js";
+import { unseenOf, unseenWords } from "../labelling/sight.js";
 import { kindOf } from "../labelling/suggest.js";
 import { isUnsaved, shownMask } from "./mask_draft.js";
 /** @import { Commands, FrameInfo, Hint, KeyFor, ShownLabels } from "../types.js" */
@@ -76,10 +77,10 @@ function showLegend(/** @type {HTMLElement} */ root, /** @type {string} */ camer
   redraw(root, counts, items);
 }
 
-/** A frame in words; `labels` where they are loaded.
+/** A frame in words; `labels` where they are loaded; `sight`: with what is not seen.
  * @param {string} camera @param {number} frame @param {?ShownLabels} labels
  */
-export function describeFrame(camera, frame, labels) {
+export function describeFrame(camera, frame, labels, sight = true) {
   const words = [`${camera} frame ${frame}`];
   if (labels) {
     const cells = inView(camera, labels.mine.keys());
@@ -89,7 +90,8 @@ export function describeFrame(camera, frame, labels) {
   }
   const state = stateOf(camera, frame);
   if (state === "x" || state === "d") words.push(STATES[state].words);
-  return words.join(" · ");
+  if (labels && sight) words.push(unseenWords(camera, frame));
+  return words.filter(Boolean).join(" · ");
 }
 
 /** When and where a frame was taken, in words. */
@@ -116,10 +118,12 @@ function surety(/** @type {Hint} */ { strong, percent, said }) {
  * @param {number} cell @param {ShownLabels} labels @param {?Hint | undefined} hint
  */
 export function describeCell(cell, labels, hint) {
-  const { camera } = labels;
+  const { camera, frame } = labels;
   const unsaved = isUnsaved(camera, cell) ? ["the mask is not saved yet"] : [];
   if (shownMask(camera).has(cell)) return [`${cellName(cell)}: ${MASKED}`, ...unsaved].join(", ");
   const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label"}`, ...unsaved];
+  const cause = unseenOf(camera, frame).get(cell);
+  if (cause) words.push(`not seen: ${cause}`);
   const version = labels.models[cell];
   if (version) words.push(`accepted from ${version}`);
   if (labels.pending.has(cell)) words.push("not saved yet");

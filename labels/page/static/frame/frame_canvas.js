@@ -1,7 +1,8 @@
 // The canvas of one frame: picture, grid, labels, hints, cursor, and row and column heads.
 
 import {
-  drawCells, drawCursor, drawMasked, drawNotes, drawOthers, drawPending, drawStroke, shownCell,
+  drawCells, drawCursor, drawMasked, drawNotes, drawOthers, drawPending, drawStroke, drawUnseen,
+  shownCell,
 } from "../labelling/cell_drawing.js";
 import { contextOf, soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
@@ -138,12 +139,13 @@ export class FrameCanvas {
   }
 
   drawContent(/** @type {CellPlan} */ plan, /** @type {ShownLabels} */ labels) {
-    const { hints, cursor, selection, stroke, masked } = this.content;
+    const { hints, cursor, selection, stroke, masked, unseen = [] } = this.content;
     drawMasked(plan, masked);
     if (setting("outlines")) {
       const cells = labels.mine.map((label, cell) =>
         masked.has(cell) ? null : shownCell(label, hints[cell]),
       );
+      drawUnseen(plan, unseen.filter((cell) => !masked.has(cell)));
       drawCells(plan, cells);
       drawOthers(plan, labels, cells);
       drawPending(plan, this.content.pending ?? []);

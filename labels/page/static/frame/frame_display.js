@@ -5,6 +5,7 @@ import { allow } from "../core/controls.js";
 import { announce, el, setAttribute } from "../core/dom.js";
 import { frameIndex, mission, selectedClass, setting } from "../core/mission.js";
 import { hintsOf, restOf } from "../labelling/painting.js";
+import { askSight, unseenOf } from "../labelling/sight.js";
 import { nextIn, stepFrom } from "../labelling/steps.js";
 import { suggestionFault } from "../labelling/suggest.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
@@ -17,6 +18,7 @@ import { noteWords } from "./notes.js";
 
 const PICTURE_SETTING_MS = 120;
 const PENDING_MS = 300;
+const SIGHT_MS = 150; // a frame that only passes is not asked about
 const BEGIN = "Choose a class, then click or drag over patches.";
 
 /** Labels of a frame are there, or changed; nulls: of all frames. */
@@ -58,7 +60,10 @@ export function showLabels() {
   const { camera, frame, fault, ready } = page().show;
   const labels = ready && !fault ? labelsOf(camera, frame) : null;
   page().hints = labels ? hintsOf(camera, frame) : [];
-  page().canvas.set({ labels, hints: page().hints, masked: shownMask(camera) });
+  const unseen = [...unseenOf(camera, frame).keys()];
+  page().canvas.set({ labels, hints: page().hints, masked: shownMask(camera), unseen });
+  clearTimeout(page().timers.sight);
+  if (labels) page().timers.sight = setTimeout(() => askSight(camera, frame), SIGHT_MS);
   page().beside.update();
   if (!labels && ready && !fault) prefetch(camera, [frame]);
   showCursor();
@@ -97,7 +102,7 @@ export function showStatus() {
   const { camera, frame, fault } = page().show;
   const cell = cellAtHand();
   const labels = page().canvas.content.labels;
-  const first = fault || describeFrame(camera, frame, labels);
+  const first = fault || describeFrame(camera, frame, labels, cell === null); // the line is short
   const parts = labels && cell !== null ? [describeCell(cell, labels, page().hints[cell])] : [];
   if (labels) parts.push(...noteWords(labels.notes, cell));
   if (!parts.length && page().info) parts.push(page().info);

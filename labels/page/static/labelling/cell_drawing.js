@@ -115,6 +115,24 @@ export function drawMasked({ ctx, boxOf }, cells) {
   }
 }
 
+/** Draw an eye that is struck out on patches that are not seen.
+ * @param {CellPlan} plan @param {Iterable<number>} cells
+ */
+export function drawUnseen({ ctx, boxOf }, cells) {
+  const path = new Path2D();
+  for (const cell of cells) {
+    const { x: left, y: top, width, height } = boxOf(cell);
+    if (width < MARK_FROM) continue;
+    const [x, y, size] = [left + width / 2, top + height / 2, Math.min(9, width / 4)];
+    path.moveTo(x - size, y);
+    path.quadraticCurveTo(x, y - size, x + size, y);
+    path.quadraticCurveTo(x, y + size, x - size, y);
+    path.moveTo(x - 0.7 * size, y + 0.7 * size);
+    path.lineTo(x + 0.7 * size, y - 0.7 * size);
+  }
+  strokeTwice(ctx, path, "#cccccc", [], 1);
+}
+
 /** The first cell of each connected area of equal keys. */
 export function firstOfAreas(/** @type {unknown[]} */ keys) {
   const known = new Set();

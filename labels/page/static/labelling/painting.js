@@ -136,7 +136,8 @@ export function hintsOf(/** @type {string} */ camera, /** @type {number} */ fram
     const copy = copies[cell];
     if (copy && !(kindOf(copy) === false && (!obstacles || obstacles[cell]))) {
       const against = said !== undefined && kindOf(copy) !== kindOf(said);
-      return { ...COPY, label: copy, said, against };
+      const unknown = kindOf(copy) === false && labels.suggestions?.values[cell] === null;
+      return { ...COPY, label: copy, strong: !unknown, said, against };
     }
     if (!suggestion) return null;
     const { label: suggested, value, percent, confident, against } = suggestion;

@@ -74,7 +74,9 @@ export function modelObstacles(/** @type {string} */ camera, /** @type {number} 
   return suggestions.classes.map((index) => model.obstacle[index]);
 }
 
-/** For each patch; null: no model, blind, not computed, or not judged. @returns {?Suggestion[]} */
+/** For each patch, null where it is not known to be clear; null: no model, blind, not computed, or
+ * not judged. @returns {?(?Suggestion)[]}
+ */
 export function suggestedLabels(/** @type {string} */ camera, /** @type {number} */ frame) {
   const own = setting("suggestions") ? modelSays(camera, frame) : null;
   if (!own) return null;
@@ -82,6 +84,7 @@ export function suggestedLabels(/** @type {string} */ camera, /** @type {number}
   const before = setting("follow") > 0 ? heldBefore(camera, frame) : null;
   return own.map((says, cell) => {
     const { label } = followed(says, before?.[cell]);
+    if (!says.known && kindOf(label) === false) return null;
     const against = kindOf(label) !== kindOf(says.label);
     const confident = !against && says.value >= threshold;
     const percent = percentRight(says.obstacle, says.value);
@@ -113,6 +116,7 @@ function modelSays(/** @type {string} */ camera, /** @type {number} */ frame) {
   return suggestions.classes.map((index, cell) => ({
     ...words[index],
     value: suggestions.values[cell] ?? 0,
+    known: suggestions.values[cell] !== null,
   }));
 }
 

@@ -76,6 +76,20 @@ test("what was labelled before is kept against a weak model, but no obstacle is 
   assert.equal(suggestedLabels("left", 12)[0].label, "water"); // from "follow" on the model counts
 });
 
+test("clear is not suggested where nothing is seen, an obstacle is", async () => {
+  await labelled({
+    11: { mine: ["sand", "water"], says: [[CLEAR, 1], [CLEAR, 1]] },
+    12: { mine: NONE, says: [[CLEAR, null], [CLEAR, null]] },
+    20: { mine: NONE, says: [[OBSTACLE, 9], [CLEAR, null]] },
+  });
+  setSetting("confidence", 0);
+  const [obstacle, clear] = suggestedLabels("left", 20);
+  assert.deepEqual([obstacle.label, obstacle.confident, clear], ["reef", true, null]);
+  const [kept, water] = suggestedLabels("left", 12); // what was labelled before is kept
+  assert.deepEqual([kept.label, kept.confident, water], ["sand", false, null]);
+  assert.equal(hintsOf("left", 12)[1], null);
+});
+
 test("a proposal kept from the frame before carries no model and is marked", async () => {
   await labelled({
     11: { mine: ["sand", null], says: [[OBSTACLE, 1], [CLEAR, 1]] },

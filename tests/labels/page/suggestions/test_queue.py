@@ -46,6 +46,13 @@ def test_neighbours_of_one_uncertain_frame_do_not_fill_the_top():
     assert {120, 200, 280} < set(top)
 
 
+def test_a_dive_that_is_clear_and_not_seen_has_a_queue():
+    known = dive(30, {})
+    known.values[:] = np.nan
+    queue = next_frames(known, [], 3)
+    assert len(queue) == 3 and queue[0].why.startswith("no patches within 0 of the threshold")
+
+
 def test_without_near_copies_the_most_uncertain_come_first():
     known = dive(300, {40: 3, 120: 18, 200: 8})
     assert [entry.frame for entry in next_frames(known, [], 3)] == [120, 200, 40]

@@ -1,0 +1,82 @@
+"""Patches that are not seen, through the page's server: told why, never suggested as clear."""
+
+import shutil
+
+import cv2
+import pytest
+
+DARK, BLURRED = 11, 8  # frames
+LEFT = {10 * row + col for row in range(10) for col in range(5)}
+
+
+@pytest.fixture(scope="module")
+def dive(tiny, tmp_path_factory):
+    """The tiny mission; in a frame the upper left is dark, in another the left half is blurred."""
+    folder = shutil.copytree(tiny.path, tmp_path_factory.mktemp("unseen") / "tiny")
+
+    def change(frame, rows, how):
+        path = str(folder / f"Left/tiny_L_{frame}.png")
+        picture = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+        picture[:rows, :180] = how(picture)[:rows, :180]
+        cv2.imwrite(path, picture)
+
+    change(DARK, 135, lambda picture: picture // 8)
+    change(BLURRED, 272, lambda picture: cv2.GaussianBlur(picture, (0, 0), 4))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def server(page_server, tiny_bundle, dive):
+    return page_server("--annotator", "anna", "--model", tiny_bundle, mission=dive)
+
+
+def unseen(server, frame):
+    """The causes of the patches that are not seen, by cell."""
+    causes = server.get("/api/sight", camera="left", frame=frame)["causes"]
+    return {cell: cause for cell, cause in enumerate(causes) if cause}
+
+
+def suggested(server, frame):
+    """Whether each patch is an obstacle to the model, and its margin."""
+    query = {"camera": "left", "frames": frame, "suggest": 1}
+    said = server.get("/api/labels", **query)["frames"][0]["suggestions"]
+    obstacle = server.get("/api/mission")["model"]["obstacle"]
+    return [obstacle[which] for which in said["classes"]], said["values"]
+
+
+def test_a_model_says_what_is_not_seen_and_nothing_of_it_is_suggested_clear(server):
+    blurred = unseen(server, BLURRED)
+    assert {*blurred} >= LEFT and {*blurred.values()} == {"blurred"}
+    obstacle, values = suggested(server, BLURRED)
+    unknown = {cell for cell, value in enumerate(values) if value is None}
+    assert unknown == {cell for cell in blurred if not obstacle[cell]}
+    # What the model calls an obstacle there stays one.
+    assert unknown & LEFT and LEFT - unknown
+    assert unseen(server, 1) == {} and None not in suggested(server, 1)[1]
+
+
+def test_a_masked_patch_is_no_patch_that_is_not_seen(server):
+    server.post("/api/mask", who="anna", camera="left", cells=[0, 1])
+    assert {*unseen(server, DARK)} == {cell for cell in LEFT if cell < 50} - {0, 1}
+    server.post("/api/mask", who="anna", camera="left", cells=[])
+    assert {0, 1} <= {*unseen(server, DARK)}
+
+
+def test_without_a_model_only_what_needs_no_numbers_is_told(page_server, dive):
+    server = page_server("--annotator", "anna", mission=dive)
+    assert unseen(server, DARK) == {cell: "dark" for cell in LEFT if cell < 50}
+    assert unseen(server, BLURRED) == {}
+
+
+def test_another_grid_gets_the_cause_of_the_patch_that_its_middle_lies_in(page_server, dive):
+    server = page_server("--annotator", "anna", "--grid", "4x6@200", mission=dive)
+    assert unseen(server, DARK) == dict.fromkeys([0, 1, 2, 6, 7, 8], "dark")
+
+
+def test_a_frame_that_is_not_there_or_cannot_be_read_is_one_sentence(server, dive):
+    answer = server.request("GET", "/api/sight?camera=left&frame=99")
+    assert answer.status == 404 and answer.json["error"]
+    path = dive / "Left/tiny_L_40.png"
+    path.write_bytes(path.read_bytes()[:200])
+    answer = server.request("GET", "/api/sight?camera=left&frame=40")
+    assert answer.status == 422 and "tiny_L_40" in answer.json["error"]
