@@ -35,6 +35,7 @@ from tokt.features.extractors.frame_pictures import gray_picture
 from tokt.features.extractors.patch_detail import (
     MEASURES,
     PatchDetail,
+    detail_grid,
     masked_patches,
     patch_detail,
 )
@@ -281,6 +282,36 @@ class SightMeter:
         visibility = float(np.median(self._contrasts)) / limits.contrast
         least = limits.least_contrast / limits.contrast
         return replace(sight, visibility=visibility, least_visibility=least)
+
+
+def unseen_causes(
+    limits: Sequence[SightLimits], picture: U8, mask: ViewMask | None, grid: Grid
+) -> list[str]:
+    """Say of each patch of a grid why it is not seen; empty where it is, or is masked.
+
+    A patch has the cause of the one of `detail_grid` in which its centre lies.
+
+    Parameters
+    ----------
+    limits : sequence of SightLimits
+        Of a model; without any only what is dark, saturated or of one level is told.
+    picture : array of uint8, shape (height, width) or (height, width, 3)
+        Covered, where it has a mask.
+    mask : ViewMask or None
+    grid : Grid
+    """
+    causes = SightMeter(limits)._measured(picture, None, mask)[0].causes
+    if not causes.any():  # among others where the frame is too small for patches
+        return [""] * grid.n_patches
+    height, width = picture.shape[:2]
+    shown = grid.resized(height, width)
+    measured = detail_grid(width)
+    other = measured.resized(height, width)
+    y0, y1, x0, x1 = grid.boxes(*shown).T
+    middles = np.stack([(y0 + y1) / 2, (x0 + x1) / 2], axis=1) / shown * other
+    places = (middles / measured.patch_size(*other)).astype(np.int64)
+    rows, cols = places.clip(0, np.array(causes.shape) - 1).T
+    return ["" if CAUSES[at] == MASKED else CAUSES[at] for at in causes[rows, cols]]
 
 
 def stereo_meter() -> SightMeter:

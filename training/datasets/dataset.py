@@ -38,6 +38,7 @@ from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.features.frames.view_mask import CameraMasks, ViewMask, masks_by_mission
+from tokt.inference.sight import unseen_causes
 from tokt.labels.taxonomy import Taxonomy
 
 from .splits import joined_names
@@ -263,11 +264,15 @@ def _content_hash(info: dict[str, Any], patches: pd.DataFrame, frames: pd.DataFr
 
 
 def _store_frames(
-    folder: Path, sources: Iterable[FrameSource], grid: Grid, label: str
-) -> pd.DataFrame:
-    """Copy the frames' files into `folder`, named by pixel hash, and list them."""
+    folder: Path, sources: Iterable[FrameSource], plan: DatasetPlan
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Copy the frames' files into `folder`, named by pixel hash, and list them.
+
+    And the patches in which nothing is seen, each with the cause.
+    """
     folder.mkdir()
-    rows = []
+    grid, label = plan.grid, plan.name
+    rows, unseen = [], []
     for source in sources:
         data, suffix = source.load()
         name = f"{source.mission}, {source.camera} frame {source.frame}"
@@ -279,7 +284,23 @@ def _store_frames(
         (folder / file).write_bytes(data)
         key = (source.mission, source.camera, source.frame)
         rows.append((*key, source.group, digest, file, *image.shape[:2]))
-    return pd.DataFrame(rows, columns=_FRAME_COLUMNS)
+        mask = plan.masks.get(source.mission, CameraMasks()).of(source.camera)
+        covered = image if mask is None else mask.cover(image)
+        causes = unseen_causes((), covered, mask, grid)
+        unseen += [
+            (*key, *divmod(cell, grid.cols), cause) for cell, cause in enumerate(causes) if cause
+        ]
+    return (
+        pd.DataFrame(rows, columns=_FRAME_COLUMNS),
+        pd.DataFrame(unseen, columns=[*PATCH_KEY, "cause"]),
+    )
+
+
+def _unseen_clear(plan: DatasetPlan, unseen: pd.DataFrame) -> dict[str, int]:
+    """Number of patches that are labelled clear though nothing is seen in them, by the cause."""
+    clear = plan.patches[~plan.patches.label.map(plan.taxonomy.is_obstacle).astype(bool)]
+    counts = clear.merge(unseen, on=PATCH_KEY).cause.value_counts()
+    return {str(cause): int(count) for cause, count in sorted(counts.items())}
 
 
 def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> dict[str, Any]:
@@ -318,7 +339,7 @@ def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     # Made beside the dataset's own folder, which must not appear before there is a version in it.
     with atomic.scratch_folder(home) as folder:
         sources = progress(plan.frames, len(plan.frames), "reading frames")
-        frames = _store_frames(folder / "frames", sources, plan.grid, plan.name)
+        frames, unseen = _store_frames(folder / "frames", sources, plan)
         frames = frames.sort_values(FRAME_KEY, ignore_index=True)
         # Copies of a picture must not stand on both sides of a split.
         frames = frames.assign(group=joined_names(frames.group, frames.digest, "min"))
@@ -330,6 +351,7 @@ def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
         if not target.exists():
             patches.to_parquet(folder / "patches.parquet", index=False)
             frames.to_parquet(folder / "frames.parquet", index=False)
+            info["unseen_clear"] = _unseen_clear(plan, unseen)
             text = json.dumps({**info, "hash": content}, indent=2) + "\n"
             (folder / "dataset.json").write_text(text, "utf-8")
             home.mkdir(exist_ok=True)

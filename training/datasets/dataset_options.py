@@ -4,7 +4,7 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, counted
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.mission import parse_frames
 from tokt.labels.formats.options import Progress, no_progress
@@ -97,6 +97,13 @@ def build_dataset(
         notice(
             f"note: {dataset.info['frames_that_are_copies']} frames are copies of others; blocks "
             "that share a picture stay on one side of every split"
+        )
+    if unseen := dataset.info.get("unseen_clear"):
+        causes = ", ".join(f"{count} {cause}" for cause, count in unseen.items())
+        notice(
+            f"WARNING: {counted(sum(unseen.values()), 'patch')} labelled clear show nothing "
+            f"({causes}). A model learns from them that such patches are water: mask them, or "
+            "label them unsure"
         )
     for line in thin_classes(dataset, FOLDS):
         notice(f"WARNING: {line}")

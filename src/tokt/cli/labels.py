@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import getpass
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,17 +24,13 @@ from .output import answer, progress
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from tokt.features.common.arrays import U8
     from tokt.features.frames.grid import Grid
     from tokt.features.frames.mission import Mission
-    from tokt.features.frames.view_mask import ViewMask
     from tokt.labels.agreement import Agreement, ClassAgreement
     from tokt.labels.formats.audit_csv import Audit
-    from tokt.labels.page.suggestions.suggester import Sight
     from tokt.labels.record import LabelRecord
     from tokt.labels.store.store import LabelStore
     from tokt.models.bundle.bundle import Bundle
-    from tokt.models.sight import SightLimits
 
 labels_app = Commands(
     "labels", "Import, export, back up, count, audit and compare labels.", no_args_is_help=True
@@ -102,6 +99,7 @@ def label(
         from tokt.features.common.address import kept_token
         from tokt.features.frames.grid import Grid
         from tokt.features.frames.mission import open_mission
+        from tokt.inference.sight import unseen_causes
         from tokt.labels.page.api.access import TOKEN_FILE
         from tokt.labels.page.api.serve import listen, serve
         from tokt.labels.page.state.session import open_session
@@ -132,7 +130,7 @@ def label(
             version=__version__,
             taxonomy=taxonomy,
             bundle=bundle,
-            sight=_sight(patches),
+            sight=partial(unseen_causes, grid=patches),
         )
         session.carry = carry
 
@@ -176,34 +174,6 @@ def _suggesting(model: str | None, frames: Mission, grid: Grid, workspace: Path)
         say(f"no suggestions: model {bundle.label} has the grid {bundle.grid}")
         return None
     return bundle
-
-
-def _sight(grid: Grid) -> Sight:
-    """Make what says why patches of a grid are not seen; those of `detail_grid` are measured."""
-    import numpy as np
-
-    from tokt.features.extractors.patch_detail import detail_grid
-    from tokt.features.frames.view_mask import CameraMasks
-    from tokt.inference.frame import Frame
-    from tokt.inference.sight import CAUSES, MASKED, SightMeter
-
-    words = np.array(["" if cause == MASKED else cause for cause in CAUSES])
-
-    def unseen(limits: Sequence[SightLimits], picture: U8, mask: ViewMask | None) -> Sequence[str]:
-        frame = Frame(0, 0.0, picture, None, masks=CameraMasks(left=mask))
-        causes = SightMeter(limits).of(frame).causes
-        if not causes.any():  # among others where the frame is too small for patches
-            return [""] * grid.n_patches
-        size = picture.shape[:2]
-        measured = detail_grid(size[1])
-        shown, other = grid.resized(*size), measured.resized(*size)
-        y0, y1, x0, x1 = grid.boxes(*shown).T
-        middles = np.stack([(y0 + y1) / 2, (x0 + x1) / 2], axis=1) / shown * other
-        places = (middles / measured.patch_size(*other)).astype(np.int64)
-        rows, cols = places.clip(0, np.array(causes.shape) - 1).T
-        return [str(word) for word in words[causes[rows, cols]]]
-
-    return unseen
 
 
 def _user() -> str:

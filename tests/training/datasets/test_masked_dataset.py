@@ -62,6 +62,19 @@ def test_a_dataset_leaves_out_what_is_masked_and_has_another_name(marked, build)
     assert build(marked)[0].hash == whole.hash
 
 
+def test_labels_of_water_where_nothing_is_seen_are_told(own_tiny, build):
+    for file in (own_tiny.path / "Left").iterdir():
+        picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        picture[:27, 288:] = 0  # a part of the vehicle
+        cv2.imwrite(str(file), picture)
+    dataset, said = build(own_tiny)
+    assert "80 patches labelled clear show nothing (80 dark)" in said
+    assert dataset.info["unseen_clear"] == {"dark": 80}
+    write_masks(own_tiny.path, CORNER)
+    dataset, said = build(own_tiny)
+    assert "show nothing" not in said and dataset.info["unseen_clear"] == {}
+
+
 def test_a_dataset_whose_mask_was_changed_on_disk_is_refused(marked, build, refused):
     write_masks(marked.path, CORNER)
     dataset, _ = build(marked)
