@@ -10,6 +10,7 @@ from pathlib import Path
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
 from tokt.inference.monitoring.drift import DriftMonitor
+from tokt.inference.monitoring.fixed_marks_watch import FixedMarksWatch
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.assembly import assemble
@@ -77,7 +78,8 @@ class DefaultRun:
             closing(UdpSender("127.0.0.1", self.port, 2)) as sender,
             closing(RunLog(self.log, "bench")) as log,
         ):
-            observers = [log, drift, RunCounts(SYSTEM_CLOCK), verdicts]
+            marks = FixedMarksWatch(SYSTEM_CLOCK, lambda _: None)
+            observers = [log, drift, RunCounts(SYSTEM_CLOCK), marks, verdicts]
             source = PictureSource(pictures)
             Runtime(source, policy, [sender], SYSTEM_CLOCK, observers).run()
         return verdicts.kept
