@@ -324,10 +324,12 @@ class StuckFrameDetector:
     def remove(self, frame: Frame) -> Frame:
         """The same frame, without a picture where a camera has frozen.
 
-        Its pictures are kept until the next ones of the run come.
+        Its pictures are kept until the next ones of the run come. What is masked tells nothing: a
+        label that covers much of the view stays the same, and a clock runs on over a frozen one.
         """
+        covered = frame.covered
         for side, camera in self._cameras.items():
-            picture = getattr(frame, side)
+            picture = getattr(covered, side)
             if picture is None or shape_fault(picture):
                 continue
             if words := camera.fault(picture, frame, self._limits):

@@ -15,7 +15,9 @@ from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.features.frames.view_mask import CameraMasks, ViewMask, parse_masks, write_masks
 from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
+from tokt.inference.freshness.frozen_frames import StuckFrameDetector
 from tokt.inference.monitoring.fixed_marks_watch import FixedMarksWatch
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.recording.run_log import events_path
@@ -173,6 +175,27 @@ def test_what_is_drawn_on_the_picture_is_an_obstacle_until_it_is_masked(fault, b
         "nothing" if moves else "event `fixed_marks`",
     )
     hold_row("a clock, a reflection or a horizon that is masked", "as without it", "nothing")
+
+
+def test_a_label_over_much_of_the_view_is_frozen_unless_it_is_masked():
+    label = np.random.default_rng(0).integers(0, 255, (36, 360), np.uint8)
+    masks = parse_masks(["0,0,1,0.14"])
+    for known, still, frozen in (
+        (None, False, True),  # much of the picture never changes
+        (masks, False, False),
+        (masks, True, True),  # what is seen stands still, and the label runs on
+    ):
+        detector = StuckFrameDetector(Limits())
+        gone = 0
+        for number in range(1, 30):
+            picture = free_water(1 if still else number)
+            picture[:36] = np.roll(label, number, 1) if still else label
+            frame = Frame(number, float(number), picture, None, masks=known)
+            seen = detector.remove(frame)
+            assert seen.left is None or seen.left is picture, "it stays as the camera gave it"
+            gone += seen.left is None
+            detector.prepare()
+        assert (gone > 15) == frozen and (gone == 0) != frozen
 
 
 def test_exchanged_colour_channels_are_nothing_to_a_model_that_looks_at_gray(bundle_file):
