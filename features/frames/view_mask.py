@@ -87,19 +87,7 @@ class ViewMask:
     @classmethod
     def of_cells(cls, cells: Bools) -> ViewMask:
         """Mask cells of equal size, shape (rows, cols), that cover the whole picture."""
-        rows, cols = cells.shape
-        boxes: list[Box] = []
-        left = np.asarray(cells, bool).copy()
-        for row, col in np.argwhere(cells):
-            if not left[row, col]:
-                continue
-            width = int(np.argmin(np.append(left[row, col:], False)))
-            below = left[row:, col : col + width].all(axis=1)
-            height = int(np.argmin(np.append(below, False)))
-            left[row : row + height, col : col + width] = False
-            box = int(col) / cols, int(row) / rows, width / cols, height / rows
-            boxes.append(tuple(round(value, _DIGITS) for value in box))
-        return cls(tuple(boxes))
+        return cls(boxes_of(cells))
 
     @classmethod
     def of_picture(cls, picture: U8) -> ViewMask:
@@ -138,6 +126,28 @@ class ViewMask:
             fill = _resized(small, each.hidden.shape, cv2.INTER_LINEAR)
             cv2.copyTo(cv2.convertScaleAbs(fill), each.hidden, there)
         return covered
+
+
+def boxes_of(cells: Bools) -> tuple[Box, ...]:
+    """Join cells of equal size, shape (rows, cols), that cover the whole picture, to boxes."""
+    rows, cols = cells.shape
+    boxes: list[Box] = []
+    left = np.asarray(cells, bool).copy()
+    for row, col in np.argwhere(cells):
+        if not left[row, col]:
+            continue
+        width = int(np.argmin(np.append(left[row, col:], False)))
+        below = left[row:, col : col + width].all(axis=1)
+        height = int(np.argmin(np.append(below, False)))
+        left[row : row + height, col : col + width] = False
+        box = int(col) / cols, int(row) / rows, width / cols, height / rows
+        boxes.append(tuple(round(value, _DIGITS) for value in box))
+    return tuple(boxes)
+
+
+def mask_options(boxes: Iterable[Box], camera: str) -> str:
+    """Write boxes as the options of ``tokt run`` that mask them."""
+    return " ".join(f"--mask {camera}:{','.join(f'{at:g}' for at in box)}" for box in boxes)
 
 
 @lru_cache(maxsize=16)

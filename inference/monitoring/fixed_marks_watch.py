@@ -9,7 +9,7 @@ import numpy as np
 from tokt.features.common.arrays import Bools
 from tokt.features.frames.fixed_marks import FixedMarks
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.features.frames.view_mask import CAMERAS, ViewMask
+from tokt.features.frames.view_mask import CAMERAS, boxes_of, mask_options
 from tokt.inference.clock import Clock
 from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.policy.policy import Judgement
@@ -58,12 +58,11 @@ class FixedMarksWatch(Observer):
         if not new.any():
             return
         self._told[camera] = marked | self._told[camera]
-        boxes = ViewMask.of_cells(self._told[camera]).boxes
-        options = " ".join(f"--mask {camera}:{','.join(f'{at:g}' for at in box)}" for box in boxes)
+        boxes = boxes_of(self._told[camera])
         words = (
             f"edges in {int(new.sum())} patches of the {camera} view have never moved, and "
             f"{self._obstacles} of {self._frames} frames were called an obstacle. Mask them if "
-            f"they are a clock, a rim or a part of the vehicle: {options}"
+            f"they are a clock, a rim or a part of the vehicle: {mask_options(boxes, camera)}"
         )
         fields = {
             "camera": camera,

@@ -11,6 +11,7 @@ from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.features.frames.mission import LEFT, Mission
+from tokt.features.frames.view_mask import Box, boxes_of
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.texture.detector import TextureDetector
@@ -227,6 +228,26 @@ class _Part:
     unsure: int
     seen: int
     known: bool
+    always_alarming: list[Box]
+
+
+_FEWEST_CLEAR = 10  # frames in which a patch is labelled clear
+_NEARLY_ALL = 0.9  # of these
+_MOST_MASKED = 0.3  # of the patches
+
+
+def _always_alarming(bundle: Bundle, score: F64, obstacle: Bools, cell: I64) -> list[Box]:
+    """The patches that alarm in nearly all frames of open water, as boxes of a mask.
+
+    Nearly always it is not the water: a burned-in clock, a rim, a part of the vehicle.
+    """
+    grid, alarms = bundle.grid, score > 0
+    clear = np.bincount(cell[~obstacle], minlength=grid.n_patches)
+    wrong = np.bincount(cell[~obstacle & alarms], minlength=grid.n_patches)
+    patches = (clear >= _FEWEST_CLEAR) & (wrong >= _NEARLY_ALL * clear)
+    if patches.mean() > _MOST_MASKED:  # the model does not know this water
+        return []
+    return list(boxes_of(patches.reshape(grid.rows, grid.cols)))
 
 
 def _part(
@@ -252,15 +273,19 @@ def _part(
     ranges = known_distances(one.mission, spans, stated, progress)
     series = scored.frames, scored.missed, scored.status
     figures["approaches"] = approach_figures(*series, spans, ranges, stated.stopping_m)
+    values = scored.values[frame, cell]
+    obstacle_labels = np.array([taxonomy.is_obstacle(str(record.label)) for record in sure], bool)
+    score = bundle.model.obstacle_score(values)
     return _Part(
         name,
         one.site,
-        scored.values[frame, cell],
+        values,
         [str(record.label) for record in sure],
         figures,
         len(merged.records) - len(sure),
         len(scored.seen_in_training),
         mission_in_training(bundle, one.records),
+        _always_alarming(bundle, score, obstacle_labels, cell),
     )
 
 
@@ -287,6 +312,7 @@ def _together(
         "unsure_ignored": sum(part.unsure for part in parts),
         "seen_in_training": sum(part.seen for part in parts),
         "mission_in_training": any(part.known for part in parts),
+        "always_alarming": {part.name: part.always_alarming for part in parts},
     }
 
 
@@ -356,7 +382,8 @@ def evaluate_missions(
         detected, obstacle_frames, first_detection, approaches as `approach_figures` has them,
         false_status_per_hour, ...), operating_point, latency_frames (from
         the first alarm to the first status at the least), unsure_ignored, seen_in_training
-        (frames whose very pixels were learnt from), mission_in_training, model.
+        (frames whose very pixels were learnt from), mission_in_training, always_alarming (by
+        mission boxes of patches that alarm in nearly all frames of open water), model.
         Of one mission its name, `mission`. Of several all this is of them together, with the same
         figures of each in a list `missions`, and by `sites` where these are known.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import parse_frames
+from tokt.features.frames.view_mask import mask_options
 from tokt.labels.formats.options import Progress, no_progress
 from tokt.labels.taxonomy import load_taxonomy
 from tokt.models.bundle.bundle import Bundle
@@ -115,6 +116,13 @@ def evaluate(
         missions = labelled_missions(*named, workspace, classes, bundle.grid, notice)
         stated = options.at_sea(missions, notice)
         figures = evaluate_missions(bundle, missions, classes, progress, wanted, stated)
+    for name, boxes in figures.get("always_alarming", {}).items():
+        if boxes:
+            notice(
+                f"WARNING: patches of mission {name!r} alarm in nearly all frames of open water. "
+                "Mask them if they are a clock, a rim or a part of the vehicle, on the labelling "
+                f"page or by {mask_options(boxes, 'left')}"
+            )
     for line in _learnt_from(figures, "patches" if options.patches else "frames"):
         notice(line)
     return bundle, figures

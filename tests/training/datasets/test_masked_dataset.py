@@ -120,6 +120,21 @@ def test_a_model_of_masked_frames_keeps_the_mask_and_judges_by_it(
     assert not open_mission(marked.path).masks
 
 
+def test_patches_that_alarm_in_nearly_all_open_water_are_named(own_tiny, trained, told, done):
+    rng = np.random.default_rng(5)
+    for file in (own_tiny.path / "Left").iterdir():
+        picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED).astype(float)
+        picture[:27, 288:] += rng.normal(0, 30, (9, 24)).repeat(3, 0).repeat(3, 1)
+        cv2.imwrite(str(file), picture.clip(0, 255).astype(np.uint8))
+    where = ("--mission", own_tiny.path, "--labels", own_tiny.labels, "--workspace", trained)
+    found = told("evaluate", "tiny-lbp", *where)
+    assert found["always_alarming"] == {"tiny": [[0.8, 0.0, 0.2, 0.1]]}
+    said = done("evaluate", "tiny-lbp", *where).err
+    assert "--mask left:0.8,0,0.2,0.1" in said
+    write_masks(own_tiny.path, CORNER)
+    assert told("evaluate", "tiny-lbp", *where)["always_alarming"] == {"tiny": []}
+
+
 def test_models_are_compared_by_what_is_view(marked, build, told, done):
     write_masks(marked.path, CORNER)
     dataset, _ = build(marked)
