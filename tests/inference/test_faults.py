@@ -217,7 +217,8 @@ def test_a_picture_that_is_unlike_all_that_the_model_learnt_from(fault):
     dive = Dive(scorer=LevelScorer([draw([], seed) for seed in range(8)]))
     with dive.fault_between():
         dive.give("fault", ATTACKS[UNLIKE_TRAINING[fault]](draw([], 300)))
-    row(fault, finish(dive), "frames by reason: drift +1")
+    what = "haze, a glow from below, or black for white, over a model's frames"
+    row(what, finish(dive), "frames by reason: drift +1")
 
 
 def test_a_picture_without_the_fine_detail_that_the_model_learnt_from():
@@ -339,7 +340,8 @@ def test_a_file_that_would_be_nearly_black(tmp_path, fault):
     with dive.fault_between():
         dive.fault(frame.left_fault)
     outcome = finish(dive)
-    row(fault, outcome, f"frames by reason: unreadable +{outcome.summary.reasons['unreadable']}")
+    what = "12-bit levels in a 16-bit image or video, a PGM of other levels, floating-point numbers"
+    row(what, outcome, f"frames by reason: unreadable +{outcome.summary.reasons['unreadable']}")
 
 
 def test_a_frozen_camera():
@@ -395,8 +397,8 @@ def test_a_camera_that_gives_what_it_gave_before(fault):
             dive.give("fault", FROZEN[fault](seen, number))
     outcome = finish(dive)
     reasons = outcome.summary.reasons
-    kind, _, _ = fault.partition(": ")
-    row(kind, outcome, f"frames by reason: frozen +{reasons[Reason.FROZEN]}")
+    what = "a camera's buffers go round, or its picture is frozen in part, or a little changed"
+    row(what, outcome, f"frames by reason: frozen +{reasons[Reason.FROZEN]}")
 
 
 def too_old(dive: Dive) -> None:
