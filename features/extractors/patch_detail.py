@@ -135,7 +135,7 @@ def patch_detail(
     squares = KERNELS.curvature_sums(gray16, grid, (*_COARSE_LAGS, _BEYOND_NOISE))
     pixels = math.prod(grid.patch_size(*gray16.shape)) * STEPS_PER_LEVEL**2
     coarse = squares.reshape(grid.rows, grid.cols, -1) / pixels
-    view = np.ones(repeated.shape, bool) if masked is None else ~masked
+    view = np.ones(repeated.shape, bool) if masked is None or masked.all() else ~masked
     for each in (mean, coarse, repeated):
         each[~view] = each[view].mean(axis=0)
     differences = mean[..., 2:]

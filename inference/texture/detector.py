@@ -161,8 +161,11 @@ class TextureDetector:
         # The small gray picture serves the features, too.
         as_wide = grid.width == detail_grid(width).width
         sight = self._sight.of(frame, gray16=pictures.gray16 if as_wide else None)
-        if sight.is_blind:
-            return replace(self._unjudged(sight.fault), sight=sight)
+        mask, size = frame.mask("left"), grid.resized(*frame.left.shape[:2])
+        view = None if mask is None else ~mask.patches(grid, *size).ravel()
+        if sight.is_blind or (view is not None and not view.any()):
+            fault = sight.fault or Fault(Reason.BLANK, "each patch of the model's grid is masked")
+            return replace(self._unjudged(fault), sight=sight)
         if self.scorer.needs_colour and not pictures.has_colour:
             fault = Fault(Reason.NO_COLOUR, "the model looks at colours, and the frame is gray")
             return replace(self._unjudged(fault), sight=sight)
@@ -175,9 +178,6 @@ class TextureDetector:
         if self._water.prior is not None:
             boundary = self._water.judge(model.obstacle_score(values))
             values = moved(values, boundary, model.obstacle)
-        size = grid.resized(*frame.left.shape[:2])
-        mask = frame.mask("left")
-        view = None if mask is None else ~mask.patches(grid, *size).ravel()
         found = self._ruled(values, *size, view)
         clear = ~model.obstacle_patches(values)
         if view is not None:

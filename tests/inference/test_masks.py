@@ -11,7 +11,7 @@ from tests.calls import call_tokt, refused, succeeds
 from tests.inference.conftest import draw, sight_of_drawn
 from tests.inference.logged_runs import lines
 from tests.inference.stereo.plain_rig import PLAIN, lit_sea
-from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.mission import open_mission
 from tokt.features.frames.view_mask import CameraMasks, ViewMask, parse_masks, write_masks
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -26,7 +26,7 @@ from tokt.inference.sight import SightMeter
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import CLEAR, OBSTACLE
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.sight import hides_too_much, measure_sight
 
@@ -92,7 +92,7 @@ def test_the_mask_of_a_dive_is_used_told_and_replayed(run, dive):
 
 def test_masks_that_cannot_be_meant_are_refused(dive, bundle_file):
     where = ("run", "--bundle", bundle_file, "--source", dive, "--policy", "texture")
-    refused("At most 70 %", *where, "--mask", "0,0,1,0.8")
+    refused("At most 80 %", *where, "--mask", "0,0,1,0.8")
     refused("nothing was masked", *where, "--mask", "model")
     refused("a mask is a picture", *where, "--mask", "clock")
 
@@ -196,6 +196,16 @@ def test_a_label_over_much_of_the_view_is_frozen_unless_it_is_masked():
             gone += seen.left is None
             detector.prepare()
         assert (gone > 15) == frozen and (gone == 0) != frozen
+
+
+def test_a_grid_of_which_each_patch_is_masked_sees_nothing():
+    """Stripes that leave most of a finer grid."""
+    masks = parse_masks(["0.1,0,0.05,1", "0.45,0,0.05,1", "0.8,0,0.05,1"])
+    for grid, status in ((Grid(3, 3, 360), UNKNOWN), (DEFAULT_GRID, CLEAR)):
+        policy = SinglePolicy(TextureDetector(NoiseScorer(grid=grid)))
+        verdict = policy.judge(Frame(1, 0.0, free_water(1), None, masks=masks)).verdict
+        assert verdict.status == status
+        assert status == CLEAR or "each patch of the model's grid is masked" in verdict.health
 
 
 def test_exchanged_colour_channels_are_nothing_to_a_model_that_looks_at_gray(bundle_file):

@@ -64,8 +64,9 @@ def test_a_picture_masks_what_is_white_in_it(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("0,0,1,1", "At most 70 %"),
+        ("0,0,1,1", "At most 80 %"),
         ("0.25,0.25,0.5,0.5", "of its middle"),
+        ("0,0,1,0.82", "of its middle"),
         ("0.5,0.5,0.6,0.1", "0 to 1"),
         ("0.2,0.2,0,0.1", "0 to 1"),
         ("952,0,408,102", "0 to 1"),
@@ -92,6 +93,11 @@ def test_what_is_no_mask_is_refused_in_one_line(text, words):
 def test_a_file_that_is_no_mask_stops_the_dive_from_being_opened(own_tiny, text):
     mask_file(own_tiny.path).write_text(text)
     refuses("tokt-mask.json", open_mission, own_tiny.path)
+
+
+def test_stripes_that_touch_each_patch_are_refused():
+    stripes = [f"{at / 10 + 0.02},0,0.03,1" for at in range(10)]
+    refuses("covers 100 % of the view", parse_masks, stripes)
 
 
 def test_yesterdays_file_is_read(tmp_path):
