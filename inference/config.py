@@ -463,7 +463,7 @@ def _nearest(wrong: str, known: Iterable[str]) -> str:
 
 def _value(each: Option, value: Any, where: str) -> Any:
     """What TOML has for an option, as its field's type."""
-    kind = each.kind
+    kind, value = each.kind, _as_boxes(value) if each.name == "mask" else value
     types = {float: (int, float), Path: (str,)}.get(kind, (kind,))
     items = value if each.many and isinstance(value, list) else [value]
     wrong = [item for item in items if type(item) not in types]
@@ -474,6 +474,17 @@ def _value(each: Option, value: Any, where: str) -> Any:
     if any(abs(it) >= _TOO_LARGE if type(it) is int else "\0" in str(it) for it in items):
         raise ToktError(f"{where} is too large, or text with a NUL in it")
     return each.typed(value)
+
+
+def _as_boxes(value: Any) -> Any:
+    """Boxes as lists of numbers, or one picture, as they are written on the command line."""
+    if not isinstance(value, list):
+        return [value] if isinstance(value, str) else value
+    one = bool(value) and all(type(number) in (int, float) for number in value)
+    return [
+        ",".join(map(repr, each)) if isinstance(each, list) else each
+        for each in ([value] if one else value)
+    ]
 
 
 def _toml(value: Any) -> str:

@@ -71,8 +71,14 @@ def test_a_masked_patch_is_neither_obstacle_nor_clear(run, dive):
     # Of one camera alone, and by a file.
     assert statuses(run(dive, "--mask", "right:0.8,0,0.2,0.1")[0]) == [OBSTACLE] * 5
     config = dive.parent / "run.toml"
-    config.write_text('[source]\nmask = ["left:0.8,0,0.2,0.1"]\n')
-    assert statuses(run(dive, "--config", config)[0]) == statuses(seen)
+    for mask in (
+        '["left:0.8,0,0.2,0.1"]',
+        "[[0.8, 0, 0.2, 0.1]]",
+        "[0.8, 0, 0.2, 0.1]",
+        '"0.8,0,0.2,0.1"',
+    ):
+        config.write_text(f"[source]\nmask = {mask}\n")
+        assert statuses(run(dive, "--config", config)[0]) == statuses(seen)
 
 
 def test_the_mask_of_a_dive_is_used_told_and_replayed(run, dive):
