@@ -48,8 +48,8 @@ connected group, and of the middle 4x4. The frames that `_SLACK` was chosen on h
 LEAST_VISIBLE = 0.85
 _LOW_QUANTILE = 0.05
 _FEWEST_FRAMES = 20
-"""The contrast that a frame has at least is this part of this quantile of the training frames', if
-there are so many: where a model learnt in turbid water, it may judge in turbid water. On the left
+"""The contrast that a frame has at least is this part of this quantile of a dive's frames, of the
+most turbid dive, if there are so many frames: where a model learnt it may judge. On the left
 frames of the sea trial of 20 April 2016 it comes to 0.62 of their median. The median of 15 of its
 frames is 0.73 and more; with limits of three quarters of the dive that of the fourth is at least
 0.88 of the quantile, of the right camera's 0.87. With half of the contrast it is 0.56 of the median
@@ -142,7 +142,9 @@ _BLURRED_EVERY = 6  # training frames, one is blurred
 
 
 def measure_sight(
-    frames: Iterable[U8], masks: Iterable[ViewMask | None] = itertools.repeat(None)
+    frames: Iterable[U8],
+    masks: Iterable[ViewMask | None] = itertools.repeat(None),
+    dives: Iterable[object] = itertools.repeat(None),
 ) -> tuple[SightLimits, ...]:
     """Measure limits for each size of some frames.
 
@@ -152,9 +154,12 @@ def measure_sight(
         As the camera gave them, or covered. Those that are too small for patches are passed over.
     masks : iterable of ViewMask or None, optional
         What is no view of each.
+    dives : iterable, optional
+        Which dive each is of.
     """
+    contrasts: dict[object, list[float]] = {}
     sizes: dict[tuple[int, int], tuple[list[PatchDetail], list[PatchDetail]]] = {}
-    for frame, mask in zip(frames, masks, strict=False):
+    for frame, mask, dive in zip(frames, masks, dives, strict=False):
         masked = masked_patches(frame, mask)
         detail = patch_detail(frame, masked=masked)
         if detail is None:
@@ -164,17 +169,18 @@ def measure_sight(
             tried = (patch_detail(_blurred(frame, by), masked=masked) for by in _BLURRED_BY)
             blurred += [one for one in tried if one is not None]
         sharp.append(detail)
+        contrasts.setdefault(dive, []).append(detail.visible_contrast)
     found = [SightLimits.of(*size, *details) for size, details in sorted(sizes.items())]
-    least = _least_contrast([one for sharp, _ in sizes.values() for one in sharp], found)
+    least = _least_contrast(list(contrasts.values()), found)
     return tuple(replace(one, least_contrast=least) for one in found)
 
 
-def _least_contrast(frames: Sequence[PatchDetail], sizes: Sequence[SightLimits]) -> float:
+def _least_contrast(dives: Sequence[Sequence[float]], sizes: Sequence[SightLimits]) -> float:
     """The contrast below which too little is seen; 0 of too few frames to tell."""
-    if len(frames) < _FEWEST_FRAMES:
+    if sum(map(len, dives)) < _FEWEST_FRAMES:
         return 0.0
-    low = float(np.quantile([one.visible_contrast for one in frames], _LOW_QUANTILE))
-    return round(LEAST_VISIBLE * min(low, *(one.contrast for one in sizes)), 5)
+    lows = [float(np.quantile(frames, _LOW_QUANTILE)) for frames in dives]
+    return round(LEAST_VISIBLE * min(*lows, *(one.contrast for one in sizes)), 5)
 
 
 def _blurred(frame: U8, by: float) -> U8:

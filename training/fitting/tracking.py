@@ -98,7 +98,8 @@ def _sight(dataset: DatasetVersion) -> tuple[SightLimits, ...]:
     rows = dataset.frames.reset_index(drop=True).groupby(["mission", "camera"]).indices
     some = [mine[:: max(len(mine) // _SIGHT_FRAMES, 1)].tolist() for mine in rows.values()]
     chosen = [row for mine in some for row in mine]
-    return measure_sight(map(dataset.read_frame, chosen), map(dataset.mask, chosen))
+    dives = dataset.frames.mission.iloc[chosen]
+    return measure_sight(map(dataset.read_frame, chosen), map(dataset.mask, chosen), dives)
 
 
 def _trained_frames(trained: Trained) -> dict[str, str]:
