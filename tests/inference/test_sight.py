@@ -311,7 +311,11 @@ def test_a_torn_picture_shows_what_two_moments_show():
         torn = water(seed)
         torn[HEIGHT // 3 :] = water(seed + 1)[HEIGHT // 3 :]
         assert not look(torn).fault
-    hold_row("a torn picture: its lower rows are of the frame before", "as without it", "nothing")
+    hold_row(
+        "a torn picture: its lower rows are of the frame before",
+        "as without it, or an obstacle at its edge",
+        "nothing",
+    )
 
 
 GAMMA_HALF = np.rint(255 * (np.arange(256) / 255) ** 0.5).astype(np.uint8)
