@@ -12,8 +12,6 @@ vehicle on the seabed: where much of the view is fixed, nothing is named.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import cv2
 import numpy as np
 
@@ -77,22 +75,3 @@ def _edges(picture: U8) -> F32:
         cv2.Sobel(fine, cv2.CV_32F, *way, ksize=3, scale=1 / 8) for way in ((1, 0), (0, 1))
     )
     return np.stack([across, down, cv2.magnitude(across, down)])
-
-
-def fixed_patches(pictures: Iterable[U8], grid: Grid) -> Bools:
-    """Find the patches of one camera's pictures that hold marks which never move.
-
-    Parameters
-    ----------
-    pictures : iterable of array of uint8, shape (height, width) or (height, width, 3)
-        From all over a dive, of one size; fewer than `FEWEST_PICTURES` tell nothing.
-    grid : Grid
-
-    Returns
-    -------
-    array of bool, shape (rows, cols)
-    """
-    marks = FixedMarks()
-    for picture in pictures:
-        marks.add(picture)
-    return marks.patches(grid)

@@ -2,7 +2,7 @@
 
 import re
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
 
@@ -235,6 +235,24 @@ class VideoMission:
         if not good:
             raise FrameError(f"{self.path}: frame {frame} cannot be stored as PNG")
         return data.tobytes(), ".png"
+
+
+def frame_size(
+    mission: Mission, camera: str = LEFT, read: Callable[[int, str], U8] | None = None
+) -> tuple[int, int]:
+    """Width and height of a camera's first frame that can be read; ToktError if none can.
+
+    `read` is by default the mission's own.
+    """
+    why = ""
+    for frame in mission.frames(camera):
+        try:
+            image = (read or mission.read)(frame, camera)
+        except FrameError as error:
+            why = why or f": {error}"
+            continue
+        return image.shape[1], image.shape[0]
+    raise ToktError(f"mission {mission.path}: no {camera} frame can be read{why}")
 
 
 def parse_frames(text: str) -> list[int]:

@@ -62,10 +62,17 @@ class Policy(Protocol):
         """Judge one frame; never raises for what a detector does."""
 
 
-def guarded(detector: Detector, frame: Frame) -> Detection:
-    """Ask a detector; whatever it raises is its reason for not judging."""
+def guarded(detector: Detector, frame: Frame, unasked: int = 0) -> Detection:
+    """Ask a detector; whatever it raises is its reason for not judging.
+
+    It was not asked about `unasked` frames before this one, which are missing to it.
+    """
     try:
-        return detector.detect(frame.covered)
+        # Covered once for all who look at the frame, and so measured once.
+        covered = frame.covered
+        if unasked:
+            covered = replace(covered, missed=covered.missed + unasked)
+        return detector.detect(covered)
     # The one place where any exception is caught: a defect in a detector must cost one verdict,
     # which is then unknown, and never the loop that keeps the vehicle's pilot informed.
     except Exception as error:  # noqa: BLE001
@@ -171,7 +178,7 @@ class FallbackPolicy:
             judgement = _judgement(first, health_of(first.fault, first.note), first.fault.reason)
             return replace(judgement, texture_s=took_s)
         # Frames that it is not asked about are missing to it: what it remembers is older by them.
-        second = guarded(self.disparity, replace(frame, missed=frame.missed + self._unasked))
+        second = guarded(self.disparity, frame, self._unasked)
         self._unasked = 0
         health = health_of(_unable(first), _unable(second))
         second = replace(second, sight=second.sight or first.sight)

@@ -20,6 +20,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +155,12 @@ class Replay:
             assembly.texture.note = start.model_note
         return assembly
 
+    @cached_property
+    def _masks(self) -> CameraMasks | None:
+        """What was no view in the run; ToktError if its log has no such thing."""
+        masks = self.run.start.masks
+        return CameraMasks.from_json(masks) if masks else None
+
     def _named(self, event: Mapping[str, Any]) -> ObjectTracker | None:
         """What holds the object of an event; None without its picture."""
         try:
@@ -190,8 +197,7 @@ class Replay:
         (left, left_fault), (right, right_fault) = pictures
         views = left, right, left_fault, right_fault
         frame = Frame(logged.number, logged.t, *views, logged.missed, timed=logged.timed)
-        masks = self.run.start.masks
-        return replace(frame, masks=CameraMasks.from_json(masks) if masks else None), ""
+        return replace(frame, masks=self._masks), ""
 
     def _compared(
         self, logged: LoggedFrame, judgement: Judgement, known: _History, assembly: Assembly

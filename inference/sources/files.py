@@ -1,7 +1,7 @@
 """Folders of frames and video files as a source."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from tokt.features.common.arrays import U8
@@ -64,8 +64,8 @@ class MissionSource:
             now = self.clock.time()
             views, missed = (left, right, left_fault, right_fault), self._missed[index]
             timed, arrived = self.rate is not None, self.clock.monotonic()
-            frame = Frame(number, now, *views, missed, timed=timed, arrived=arrived)
-            yield replace(frame, masks=self.mission.masks)
+            masks = self.mission.masks
+            yield Frame(number, now, *views, missed, timed=timed, arrived=arrived, masks=masks)
 
     @property
     def live(self) -> bool:

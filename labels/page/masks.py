@@ -7,12 +7,10 @@ import numpy as np
 from tokt.features.common.arrays import U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.mission import Mission
-from tokt.features.frames.view_mask import CameraMasks, ViewMask
+from tokt.features.frames.mission import Mission, frame_size
+from tokt.features.frames.view_mask import CameraMasks, ViewMask, boxes_of
 
 from .frames import read_frame
-
-_DIGITS = 7
 
 
 def covered_frame(mission: Mission, masks: CameraMasks, camera: str, frame: int) -> U8:
@@ -21,21 +19,17 @@ def covered_frame(mission: Mission, masks: CameraMasks, camera: str, frame: int)
     return picture if mask is None else mask.cover(picture)
 
 
-def frame_size(mission: Mission, camera: str) -> tuple[int, int] | None:
-    """Height and width of a camera's first readable frame; None where none can be read."""
-    for frame in mission.frames(camera):
-        with suppress(ToktError):
-            height, width = read_frame(mission, camera, frame).shape[:2]
-            return height, width
-    return None
+def shown_size(mission: Mission, camera: str) -> tuple[int, int]:
+    """Width and height of a camera's first readable frame; ToktError where none can be read."""
+    return frame_size(mission, camera, lambda frame, side: read_frame(mission, side, frame))
 
 
 def masked_patches(mission: Mission, masks: CameraMasks, grid: Grid, camera: str) -> Bools:
     """The masked patches of a camera's frames, shape (rows, cols), by its first readable frame."""
-    size = frame_size(mission, camera) if masks.of(camera) else None
-    with suppress(ToktError):  # too small a frame for this grid
-        if size is not None:
-            return masks.patches(camera, grid, *size)
+    with suppress(ToktError):  # no frame can be read, or it is too small for this grid
+        if masks.of(camera) is not None:
+            width, height = shown_size(mission, camera)
+            return masks.patches(camera, grid, height, width)
     return np.zeros((grid.rows, grid.cols), bool)
 
 
@@ -53,14 +47,14 @@ def drawn_mask(
     grid : Grid
     patches : array of bool, shape (rows, cols)
     size : tuple of int
-        Height and width of the camera's frames.
+        Width and height of the camera's frames.
 
     Raises
     ------
     ToktError
         If too little of the view is left.
     """
-    height, width = grid.resized(*size)
+    height, width = grid.resized(size[1], size[0])
     old = before or ViewMask(())
     freed = old.patches(grid, height, width) & ~patches
 
@@ -75,9 +69,5 @@ def drawn_mask(
     down, right = grid.remainder(height, width)
     inside = pixels[: height - down, : width - right]
     pixels = np.pad(inside, ((0, down), (0, right)), mode="edge")
-    drawn = np.array(ViewMask.of_cells(pixels).boxes).reshape(-1, 4)
-    # Whole pixels again: one too many is much of a small patch.
-    scale = np.array([width, height, width, height])
-    exact = ((drawn * scale).round() / scale).round(_DIGITS)
-    boxes = (*kept, *map(tuple, exact.tolist()))
+    boxes = (*kept, *boxes_of(pixels))
     return ViewMask(boxes) if boxes else None

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
 from tokt.inference.freshness.frozen_frames import StuckFrameDetector
 from tokt.inference.monitoring.fixed_marks_watch import FixedMarksWatch
+from tokt.inference.policy.assembly import StereoSetup, assemble
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.recording.run_log import events_path
 from tokt.inference.report import Report
@@ -212,6 +214,27 @@ def test_a_grid_of_which_each_patch_is_masked_sees_nothing():
         verdict = policy.judge(Frame(1, 0.0, free_water(1), None, masks=masks)).verdict
         assert verdict.status == status
         assert status == CLEAR or "each patch of the model's grid is masked" in verdict.health
+
+
+def test_a_frame_is_covered_and_measured_once_for_all_who_look_at_it(monkeypatch):
+    covered, measured = [], []
+    own_cover, own_measure = ViewMask.cover, SightMeter._measured
+    monkeypatch.setattr(
+        ViewMask, "cover", lambda mask, picture: covered.append(1) or own_cover(mask, picture)
+    )
+    monkeypatch.setattr(
+        SightMeter, "_measured", lambda *given: measured.append(1) or own_measure(*given)
+    )
+    scorer = NoiseScorer(frame_sizes=((1024, 1360),))
+    scorer.sight = sight_of_drawn()
+    policy = assemble("fallback", lambda: scorer, StereoSetup(PLAIN)).policy
+    stuck = StuckFrameDetector(Limits())
+    for seed in range(1, 4):
+        frame = Frame(seed, seed / 10, *clocked(lit_sea(seed), ()), timed=True)
+        frame = stuck.remove(replace(frame, masks=parse_masks(["0.8,0,0.2,0.1"])))
+        assert "texture" in policy.judge(frame).verdict.health, "stereo was asked as well"
+    assert len(covered) == 2 * 3, "left and right of each frame"
+    assert len(measured) == 3, "the left one of each, which shows too little for the right to count"
 
 
 def test_exchanged_colour_channels_are_nothing_to_a_model_that_looks_at_gray(bundle_file):

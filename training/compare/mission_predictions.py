@@ -1,7 +1,6 @@
 """Predictions of models on labelled missions that none of them learnt from."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -69,18 +68,17 @@ def check_unseen(
 
 
 def _score(
-    bundles: Sequence[Bundle], frames: Iterable[Frame], missed: Sequence[int]
+    bundles: Sequence[Bundle], frames: Iterable[Frame]
 ) -> tuple[list[list[F64]], list[list[bool]], int]:
     """Each model's decision values of whole frames, and whether the runtime would judge these.
 
-    The frames are of one run, with `missed` before each. And the patches that it takes to bring a
-    mask's mean over the thesis's limit.
+    The frames are of one run. And the patches that it takes to bring a mask's mean over the
+    thesis's limit.
     """
     values: list[list[F64]] = [[] for _ in bundles]
     judged: list[list[bool]] = [[] for _ in bundles]
     runs = [SinglePolicy(TextureDetector(bundle)) for bundle in bundles]
-    for each, gap in zip(frames, missed, strict=True):
-        frame = replace(each, missed=gap)
+    for frame in frames:
         for bundle, run, its_values, its_judged in zip(bundles, runs, values, judged, strict=True):
             found = run.judge(frame).decision_values
             its_judged.append(found is not None)
@@ -184,10 +182,11 @@ def predict_missions(
     truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
     scored = progress(keys, len(keys), "scoring")
     run = (
-        Frame(number, 0.0, by_name[name].read(number, LEFT), None, masks=by_name[name].masks)
-        for name, number in scored
+        Frame(number, 0.0, dive.read(number, LEFT), None, missed=gap, masks=dive.masks)
+        for (name, number), gap in zip(scored, missed, strict=True)
+        for dive in [by_name[name]]
     )
-    values, judged, white = _score(bundles, run, missed)
+    values, judged, white = _score(bundles, run)
     place = {key: index for index, key in enumerate(keys)}
     places = np.array([place[record.mission, record.frame] for record in sure])
     return ComparedModels(

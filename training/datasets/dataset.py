@@ -149,15 +149,19 @@ class DatasetVersion:
 
     def mask(self, index: int) -> ViewMask | None:
         """What is no view of the frame in row `index` of `frames`."""
+        if not self.masks:
+            return None
         row = self.frames.iloc[index]
         return self.masks[row.mission].of(row.camera) if row.mission in self.masks else None
 
     def patches_in_view(self, index: int) -> int:
         """Number of patches that are not masked of the frame in row `index` of `frames`."""
+        mask = self.mask(index)
+        if mask is None:
+            return self.grid.n_patches
         row = self.frames.iloc[index]
-        masks = self.masks.get(row.mission, CameraMasks())
-        size = int(row.height), int(row.width)
-        return int((~masks.patches(row.camera, self.grid, *size)).sum())
+        size = self.grid.resized(int(row.height), int(row.width))
+        return int((~mask.patches(self.grid, *size)).sum())
 
     def read_frame(self, index: int) -> U8:
         """The frame in row `index` of `frames`, checked against its pixel hash, its mask covered.

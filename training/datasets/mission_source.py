@@ -13,7 +13,7 @@ import pandas as pd
 from tokt.features.common.errors import ToktError, counted, os_errors_as
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.image_file import SUFFIXES
-from tokt.features.frames.mission import LEFT, Mission, open_mission
+from tokt.features.frames.mission import LEFT, Mission, frame_size, open_mission
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import MODEL, LabelRecord, NoLabelsError
@@ -167,8 +167,8 @@ def _masked_cells(mission: Mission, camera: str, grid: Grid) -> set[tuple[int, i
     if mission.masks.of(camera) is None:
         return set()
     # A mask is a camera's, whose frames are alike.
-    size = mission.read(mission.frames(camera)[0], camera).shape[:2]
-    masked = mission.masks.patches(camera, grid, *size)
+    width, height = frame_size(mission, camera)
+    masked = mission.masks.patches(camera, grid, height, width)
     return {(int(row), int(col)) for row, col in np.argwhere(masked)}
 
 

@@ -23,7 +23,7 @@ from tokt.features.frames.mission import Mission
 from tokt.features.frames.view_mask import CameraMasks, read_masks, write_masks
 from tokt.labels.formats.frame_metadata import FrameMetadata, mission_metadata
 from tokt.labels.formats.images import FrameKey
-from tokt.labels.page.masks import covered_frame, drawn_mask, frame_size
+from tokt.labels.page.masks import covered_frame, drawn_mask, shown_size
 from tokt.labels.page.suggestions.suggester import Sight, Suggester
 from tokt.labels.page.suggestions.suggestion_table import mission_stamp
 from tokt.labels.record import LabelRecord, utc_now
@@ -158,9 +158,7 @@ class Session:
 
         Raises ToktError if too little of the view is left or the mask cannot be written.
         """
-        size = frame_size(self.mission, camera)
-        if size is None:
-            raise ToktError(f"no frame of the {camera} camera can be read")
+        size = shown_size(self.mission, camera)
         patches = np.zeros((self.grid.rows, self.grid.cols), bool)
         patches.flat[list(cells)] = True
         with self.changing:

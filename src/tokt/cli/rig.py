@@ -236,9 +236,8 @@ def _focal_words(found: SelfCalibration) -> str:
 
 def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
     """Measure a calibration on a mission's frames, and end with the exit code of the answer."""
-    from tokt.features.frames.mission import open_mission
+    from tokt.features.frames.mission import frame_size, open_mission
     from tokt.training.calibration.any_form import describe_calibration_file
-    from tokt.training.rig.calibrate.frame_selection import frame_size
     from tokt.training.rig.calibrate.vertical_error import GOOD, UNUSABLE, measurable
 
     described = describe_calibration_file(file)

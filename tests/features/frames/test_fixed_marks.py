@@ -3,10 +3,17 @@
 import cv2
 import numpy as np
 
-from tokt.features.frames.fixed_marks import FEWEST_PICTURES, fixed_patches
+from tokt.features.frames.fixed_marks import FEWEST_PICTURES, FixedMarks
 from tokt.features.frames.grid import Grid
 
 GRID = Grid()
+
+
+def fixed_patches(pictures, grid):
+    marks = FixedMarks()
+    for picture in pictures:
+        marks.add(picture)
+    return marks.patches(grid)
 
 
 def frames(count, step_px, marked=True, width=640, structure=True):

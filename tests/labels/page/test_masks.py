@@ -9,7 +9,7 @@ from tokt.features.frames.grid import Grid
 from tokt.features.frames.view_mask import ViewMask
 from tokt.labels.page.masks import drawn_mask
 
-SIZES = (272, 360), (1024, 1360), (279, 360), (1080, 1920), (499, 751), (288, 352)
+SIZES = (360, 272), (1360, 1024), (360, 279), (1920, 1080), (751, 499), (352, 288)
 
 
 @st.composite
@@ -32,23 +32,25 @@ def test_what_is_masked_is_what_was_drawn_one_mask_after_the_other(case):
         patches.flat[list(cells)] = True
         patches[middle[0] : -middle[0] or None, middle[1] : -middle[1] or None] = False
         mask = drawn_mask(mask, grid, patches, size)
-        found = mask.patches(grid, *grid.resized(*size)) if mask else np.zeros_like(patches)
+        found = (
+            mask.patches(grid, *grid.resized(*reversed(size))) if mask else np.zeros_like(patches)
+        )
         assert np.array_equal(found, patches)
 
 
 def test_nothing_is_masked_where_all_is_freed():
     grid = Grid()
     patches = np.zeros((10, 10), bool)
-    assert drawn_mask(None, grid, patches, (272, 360)) is None
+    assert drawn_mask(None, grid, patches, (360, 272)) is None
     patches[0, 7:] = True
-    mask = drawn_mask(None, grid, patches, (272, 360))
+    mask = drawn_mask(None, grid, patches, (360, 272))
     assert len(mask.boxes) == 1
-    assert drawn_mask(mask, grid, patches, (272, 360)) == mask
-    assert drawn_mask(mask, grid, np.zeros((10, 10), bool), (272, 360)) is None
+    assert drawn_mask(mask, grid, patches, (360, 272)) == mask
+    assert drawn_mask(mask, grid, np.zeros((10, 10), bool), (360, 272)) is None
 
 
 def test_a_patch_at_the_edge_takes_the_strip_beside_it_along():
     patches = np.zeros((10, 10), bool)
     patches[9, 9] = True
-    mask = drawn_mask(None, Grid(), patches, (279, 360))
+    mask = drawn_mask(None, Grid(), patches, (360, 279))
     assert mask.pixels(279, 360)[243:, 324:].all()

@@ -62,6 +62,13 @@ def test_a_dataset_leaves_out_what_is_masked_and_has_another_name(marked, build)
     assert build(marked)[0].hash == whole.hash
 
 
+def test_the_first_frame_need_not_be_readable(own_tiny, build):
+    write_masks(own_tiny.path, CORNER)
+    (own_tiny.path / "Left" / "tiny_L_0.png").write_bytes(b"no picture")
+    dataset, said = build(own_tiny)
+    assert "80 labels" in said and dataset.patches_in_view(0) == 98
+
+
 def test_labels_of_water_where_nothing_is_seen_are_told(own_tiny, build):
     for file in (own_tiny.path / "Left").iterdir():
         picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)

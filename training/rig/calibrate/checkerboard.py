@@ -11,10 +11,10 @@ import numpy as np
 from tokt import __version__
 from tokt.features.common.arrays import F32, F64, U8
 from tokt.features.common.errors import FrameError, ToktError
-from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
+from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames, frame_size
 from tokt.inference.stereo.calibration import StereoCalibration
 
-from .frame_selection import Progress, frame_size, stereo_frames
+from .frame_selection import Progress, stereo_frames
 from .matching import FramePoints, gray_frame
 from .vertical_error import VerticalError, vertical_error
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from tokt.features.common.errors import FrameError, ToktError
-from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.features.frames.mission import LEFT, RIGHT, Mission, frame_size
 
 from .matching import FrameMatches, gray_frame, match_frame
 
@@ -35,19 +35,6 @@ def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list
     if not chosen:
         raise ToktError(f"none of these frames is in both cameras of mission {mission.path}")
     return chosen
-
-
-def frame_size(mission: Mission) -> tuple[int, int]:
-    """Width and height of the first left frame that can be read; ToktError if none can."""
-    why = ""
-    for frame in mission.frames(LEFT):
-        try:
-            image = mission.read(frame, LEFT)
-        except FrameError as error:
-            why = why or f": {error}"
-            continue
-        return image.shape[1], image.shape[0]
-    raise ToktError(f"mission {mission.path}: no left frame can be read{why}")
 
 
 def match_mission(

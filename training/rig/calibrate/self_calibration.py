@@ -11,10 +11,10 @@ from threadpoolctl import ThreadpoolController
 
 from tokt import __version__
 from tokt.features.common.errors import ToktError
-from tokt.features.frames.mission import Mission, format_frames
+from tokt.features.frames.mission import Mission, format_frames, frame_size
 from tokt.inference.stereo.calibration import StereoCalibration
 
-from .frame_selection import Progress, frame_size, match_mission
+from .frame_selection import Progress, match_mission
 from .matching import FrameMatches
 from .parameter_uncertainty import ParameterUncertainty, parameter_uncertainty
 from .rig_fit import RigFit, fit_rig
