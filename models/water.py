@@ -21,7 +21,6 @@ from tokt.features.common.errors import ToktError
 
 FILLED = 0.5
 """Part of a frame's patches above 0 from which on the boundary does not rise above all of them."""
-_ROUNDS = 6  # of EM; on the six dives it was worked out on the boundary is as good as after 30
 _STEP = 0.01
 """What the boundary is rounded to, so that last digits of a machine's logarithms do not show."""
 _MIN_SD = 0.05
@@ -41,15 +40,17 @@ class WaterPrior:
     water_sd: float  # their standard deviations
     obstacle_sd: float
     share: float  # of patches that are obstacles, between 0 and 1
-    limit: float = 0.3  # how far the boundary moves from 0 at most, 0.01 to 10
+    # Chosen with whole sites held out, for values that are logarithms of odds.
+    limit: float = 2.0  # how far the boundary moves from 0 at most, 0.01 to 10
     frames: int = 5  # how many of the last frames it is found from, the newest among them
-    weight: float = 30.0  # patches that the means and the share count as
-    sd_weight: float = 300.0  # and the standard deviations
+    weight: float = 2.0  # patches that the means and the share count as
+    sd_weight: float = 100.0  # and the standard deviations
+    rounds: int = 30  # of EM; it is slow where obstacles are faint
 
     def __post_init__(self) -> None:
         numbers = {each.name: getattr(self, each.name) for each in fields(self)}
         for name, value in numbers.items():
-            known = (int,) if name == "frames" else (int, float)
+            known = (int,) if name in ("frames", "rounds") else (int, float)
             if type(value) not in known or not abs(value) <= _MAX:
                 raise ToktError(f"{name} of a water's prior is {value!r}")
         sds = min(self.water_sd, self.obstacle_sd)
@@ -112,7 +113,7 @@ class WaterPrior:
         sds_before = np.array([[self.water_sd], [self.obstacle_sd]])
         means, sds, share = before, sds_before, self.share
         scores = np.clip(scores, -_MAX, _MAX)
-        for _ in range(_ROUNDS):
+        for _ in range(self.rounds):
             part = 1 / (1 + np.exp(np.clip(_log_odds(scores, means, sds, share), -500, 500)))
             parts = np.stack([1 - part, part])
             sums = parts.sum(axis=1, keepdims=True)
@@ -143,10 +144,14 @@ class WaterPrior:
 
     @classmethod
     def from_json(cls, value: Any) -> WaterPrior:
-        """Read back what `to_json` gave. Raises ToktError if it is none."""
-        if not isinstance(value, Mapping) or set(value) != {each.name for each in fields(cls)}:
+        """Read back what `to_json` gave. Raises ToktError if it is none.
+
+        Bundles up to format 5 say no rounds: there were 6.
+        """
+        known = {each.name for each in fields(cls)}
+        if not isinstance(value, Mapping) or not known - {"rounds"} <= set(value) <= known:
             raise ToktError("a water's prior has other entries")
-        return cls(**value)
+        return cls(**{"rounds": 6, **value})
 
 
 def _log_odds(scores: F64, means: F64, sds: F64, share: float) -> F64:

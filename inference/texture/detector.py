@@ -24,6 +24,7 @@ from tokt.inference.verdict import (
     Detection,
     Detector,
 )
+from tokt.models.frame_sizes import size_fault
 from tokt.models.linear import moved
 from tokt.models.operating_point import MofNState
 from tokt.models.sight import blindness
@@ -31,15 +32,6 @@ from tokt.models.water import WaterState
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
-
-# What a frame may differ from those a model learnt from. Set here: LBP radii and windows are in
-# pixels of the resized frame, and what is in it changes with the field of view and with how
-# much detail the camera gave.
-ASPECT_TOLERANCE = 0.02
-"""Relative difference of width over height: one row more or less is a crop, more another camera."""
-MIN_WIDTH_RATIO, MAX_WIDTH_RATIO = 0.75, 1.33
-"""Width over the training frames' width: a sensor's binning or a half-size stream is outside."""
-
 
 OUT_OF_RANGE = 0.5
 """Part of the features that one frame may have out of range for a clear that is believed. Measured
@@ -151,7 +143,10 @@ class TextureDetector:
                 frame.left_fault or Fault(Reason.MISSING, "there is no left frame")
             )
         # First what needs no look at the pixels: a picture of another shape may have no resize.
-        fault = shape_fault(frame.left) or self._size_fault(*frame.left.shape[:2])
+        fault = shape_fault(frame.left)
+        words = size_fault(*frame.left.shape[:2], self.scorer.frame_sizes)
+        if not fault and words:
+            fault = Fault(Reason.WRONG_SIZE, words)
         if fault:
             return self._unjudged(fault)
         grid = self.scorer.grid
@@ -259,20 +254,6 @@ class TextureDetector:
 
     def _unjudged(self, fault: Fault) -> Detection:
         return Detection(None, TEXTURE, self.scorer.label, fault=fault)
-
-    def _size_fault(self, height: int, width: int) -> Fault:
-        """Why a frame is unlike all that the model learnt from, or an empty string."""
-        learnt = self.scorer.frame_sizes
-        for its_height, its_width in learnt:
-            aspect_ratio = (width * its_height) / (height * its_width)
-            # Below the grid's width detail is made up; unless the model learnt from such frames.
-            least_width = min(self.scorer.grid.width or 0, its_width)
-            like_in_width = MIN_WIDTH_RATIO <= width / its_width <= MAX_WIDTH_RATIO
-            if abs(aspect_ratio - 1) <= ASPECT_TOLERANCE and like_in_width and width >= least_width:
-                return NO_FAULT
-        sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
-        words = f"frames are {width}x{height}, the model learnt from {sizes}"
-        return Fault(Reason.WRONG_SIZE, words)
 
 
 class ReloadableTextureDetector:

@@ -4,8 +4,9 @@ A bundle ``NAME-VERSION.tokt`` is a zip of these members, stored in this order w
 so that the same model gives the same bytes:
 
 - ``manifest.json``: who this model is, how it sees, when it warns (``operating_point``), what its
-  training frames show at least (``sight``: `tokt.models.sight`), where it comes from, and the
-  SHA-256 of the other members; ``manifest_sha256`` is the hash of the manifest without that key.
+  training frames show at least (``sight``: `tokt.models.sight`) and which sizes they have
+  (``frame_sizes``), where it comes from, and the SHA-256 of the other members;
+  ``manifest_sha256`` is the hash of the manifest without that key.
 - ``weights.npz``: weights, bias, thresholds (float64); with a map in front of them also its scale,
   offset, limit, landmarks and gamma (`tokt.models.nystroem`).
 - ``golden.npz``: frames, as PNG files, with the decision values the training machine computed.
@@ -25,7 +26,8 @@ shape and bound, and only then *construct* and recompute the golden values. No p
 
 Format 1 has no ``operating_point``: any one patch over its threshold is an obstacle at once.
 Formats 1 and 2 have no ``distribution.npz``, formats 1 to 3 no map, and in their operating point
-neither a prior of the water nor a distance to landmarks. Formats 1 to 4 have no ``sight``.
+neither a prior of the water nor a distance to landmarks. Formats 1 to 4 have no ``sight``, formats
+1 to 5 no ``frame_sizes``: they are those of the golden frames.
 
 To change the format: raise FORMAT_VERSION, keep the reader of the old one, and prove with a file
 of the old one in a test that it still loads.
@@ -56,6 +58,7 @@ from tokt.features.frames.image_file import decode_image
 from tokt.features.frames.view_mask import CameraMasks, masks_by_mission
 from tokt.features.kernels.quantization import Quantization
 from tokt.models.distribution import Distribution
+from tokt.models.frame_sizes import Size
 from tokt.models.linear import LinearModel, moved
 from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
@@ -65,7 +68,7 @@ from tokt.models.water import WaterState
 from .signature import MEMBER as SIGNATURE
 from .signature import Signature, signature_from_bytes
 
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 GOLDEN_TOLERANCE = 1e-9
 SUFFIX = ".tokt"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -79,6 +82,7 @@ MAX_MEMBER_BYTES = 64 * 1024 * 1024
 _MAX_FAULT = 200  # characters
 _MAX_NAME = 100  # characters
 _MAX_GOLDEN_FRAMES = 100  # training writes two
+_MAX_SIZES, _MAX_SIDE = 10_000, 100_000  # of frames; pixels
 _MAX_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they are huge pictures
 MAX_FILE_BYTES = len(_MEMBERS) * MAX_MEMBER_BYTES
 # What zipfile raises for bytes that are no zip; OverflowError for a member said to be at 2^63.
@@ -95,7 +99,7 @@ _MANIFEST_KEYS = {
     *("format_version", "name", "version", "extractor", "grid", "classes"),
     *("provenance", "metrics", "members", "manifest_sha256"),
 }
-_SINCE_2, _SINCE_5 = {"operating_point"}, {"sight"}
+_SINCE = {2: "operating_point", 5: "sight", 6: "frame_sizes"}  # entries of a manifest, by format
 _POINT_SINCE_4 = {"water", "unlike"}
 _MAP = tuple(each.name for each in fields(NystroemMap))
 _DISTRIBUTED = {
@@ -130,6 +134,12 @@ class BundleContent:
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
     distribution: Distribution | None = None  # None where there is nothing to compare frames with
     sight: tuple[SightLimits, ...] = ()  # for each size of the training frames, where measured
+    frame_sizes: tuple[Size, ...] = ()  # of the training frames; by default the golden frames'
+
+    def __post_init__(self) -> None:
+        if not self.frame_sizes:
+            sizes = tuple(dict.fromkeys(map(_png_size, self.golden.frames)))
+            object.__setattr__(self, "frame_sizes", sizes)
 
 
 _CONTENT = fields(BundleContent)
@@ -164,11 +174,6 @@ class Bundle(BundleContent):
     def label(self) -> str:
         """``name/version``, as datagrams and logs carry it."""
         return f"{self.name}/{self.version}"
-
-    @property
-    def frame_sizes(self) -> tuple[tuple[int, int], ...]:
-        """Height and width in pixels of the golden frames, which were frames of its training."""
-        return tuple(dict.fromkeys(_png_size(png) for png in self.golden.frames))
 
     @property
     def masks(self) -> tuple[CameraMasks, ...]:
@@ -340,6 +345,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
         "classes": classes_json(model),
         "operating_point": content.operating_point.to_json(),
         "sight": sight_to_json(content.sight),
+        "frame_sizes": [list(size) for size in content.frame_sizes],
         "provenance": dict(content.provenance),
         "metrics": dict(content.metrics),
         "members": {name: hashlib.sha256(data).hexdigest() for name, data in members.items()},
@@ -418,7 +424,7 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
         check_format(version, FORMAT_VERSION, f"{where}: the bundle")
     except ValueError:
         raise ToktError(f"{where}: the bundle has no format version") from None
-    newer = (_SINCE_2 if version >= 2 else set()) | (_SINCE_5 if version >= 5 else set())
+    newer = {entry for since, entry in _SINCE.items() if version >= since}
     if set(manifest) != _MANIFEST_KEYS | newer:
         raise ToktError(f"{where}: the bundle's manifest has unknown or missing entries")
     bare = {key: value for key, value in manifest.items() if key != "manifest_sha256"}
@@ -560,6 +566,17 @@ def _classes_from(value: Any) -> tuple[tuple[str, ...], tuple[bool, ...]]:
     return tuple(_text(item["name"]) for item in value), tuple(item["obstacle"] for item in value)
 
 
+def _sizes_from(value: Any) -> tuple[Size, ...]:
+    """Heights and widths of the training frames."""
+    if not isinstance(value, list) or not 0 < len(value) <= _MAX_SIZES:
+        raise TypeError(f"frame_sizes is not a list of 1 to {_MAX_SIZES} sizes")
+    for size in value:
+        sound = isinstance(size, list) and len(size) == 2
+        if not sound or any(type(side) is not int or not 0 < side <= _MAX_SIDE for side in size):
+            raise TypeError(f"{size!r} is not the height and width of a frame")
+    return tuple((height, width) for height, width in value)
+
+
 def _operating_point(manifest: Mapping[str, Any], grid: Grid, model: LinearModel) -> OperatingPoint:
     """The manifest's; a rule that no frame could meet is refused."""
     if "operating_point" not in manifest:
@@ -609,6 +626,7 @@ def _check_content(
             operating_point=_operating_point(manifest, grid, model),
             distribution=distribution,
             sight=sight_from_json(manifest["sight"]) if "sight" in manifest else (),
+            frame_sizes=_sizes_from(manifest["frame_sizes"]) if "frame_sizes" in manifest else (),
         )
     except (ToktError, TypeError, ValueError) as error:
         fault = _brief(error)

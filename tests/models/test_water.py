@@ -12,7 +12,9 @@ from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.models.water import WaterPrior, WaterState
 
-PRIOR = WaterPrior(-1.2, 1.2, 0.5, 0.9, 0.3)
+PRIOR = WaterPrior(*(-1.2, 1.2, 0.5, 0.9, 0.3), limit=0.3, weight=30.0, sd_weight=300.0, rounds=6)
+LOOSE = WaterPrior(-2.1, 3.3, 1.4, 2.4, 0.4)
+"""As training makes it: it gives way to what the frames show."""
 
 
 def frame(water, obstacle, share, seed=0, spread=0.2):
@@ -40,6 +42,20 @@ def test_the_boundary_follows_a_water_that_lies_elsewhere():
     assert PRIOR.boundary(frame(0.5, 2.5, 0.3)) == -0.3, "too far: all of it is obstacles"
 
 
+def test_faint_obstacles_bring_the_boundary_down():
+    """Where they are half way to the water, and near the water the mixture is hard to part."""
+    faint = np.concatenate([frame(-3.7, 0.0, 0.3, seed, 1.2) for seed in range(5)])
+    assert LOOSE.boundary(faint) < -1.0
+    assert dataclasses.replace(LOOSE, rounds=6).boundary(faint) > LOOSE.boundary(faint)
+
+
+def test_a_prior_without_rounds_is_of_an_older_tokt():
+    told = PRIOR.to_json()
+    assert WaterPrior.from_json(told) == PRIOR and told.pop("rounds") == 6
+    assert WaterPrior.from_json(told) == PRIOR
+    refuses("other entries", WaterPrior.from_json, {**told, "more": 1})
+
+
 def test_frames_together_say_more_than_the_last_and_older_ones_are_forgotten():
     strange, usual = frame(-0.6, 1.5, 0.3), frame(-1.2, 1.2, 0.3)
     alone, long = PRIOR.boundary(usual), boundaries([strange] * 5 + [usual] * 5)
@@ -65,12 +81,18 @@ def test_it_never_moves_by_more_than_its_limit(frames, limit):
 
 
 @settings(max_examples=scaled(8))
-@given(st.floats(0.05, 3), st.floats(0.0, 1.0), st.floats(0, 1), st.integers(0, 99))
-def test_an_obstacle_that_fills_the_view_is_never_clear(middle, spread, grain, seed):
+@given(
+    st.floats(0.05, 3),
+    st.floats(0.0, 1.0),
+    st.floats(0, 1),
+    st.integers(0, 99),
+    st.sampled_from([PRIOR, LOOSE]),
+)
+def test_an_obstacle_that_fills_the_view_is_never_clear(middle, spread, grain, seed, prior):
     """From frame 1 for 1,000 frames, weak or strong, even or not: it moves too little."""
     rng = np.random.default_rng(seed)
     view = middle + spread * rng.random(100)
-    state = WaterState(PRIOR)
+    state = WaterState(prior)
     for index in range(1000):
         scores = view + grain * 0.1 * rng.normal(size=100) if index % 100 < 5 else view
         state.begin()

@@ -7,6 +7,7 @@ import subprocess
 import tempfile
 import time
 import warnings
+from collections import Counter
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -102,6 +103,13 @@ def _sight(dataset: DatasetVersion) -> tuple[SightLimits, ...]:
     return measure_sight(map(dataset.read_frame, chosen), map(dataset.mask, chosen), dives)
 
 
+def _frame_sizes(trained: Trained) -> list[list[int]]:
+    """Height and width of the frames learnt from, those of most frames first."""
+    frames = trained.request.dataset.frames
+    counts = Counter(zip(frames.height.tolist(), frames.width.tolist(), strict=True))
+    return [list(size) for size in sorted(counts, key=lambda size: (-counts[size], size))]
+
+
 def _trained_frames(trained: Trained) -> dict[str, str]:
     """The frame numbers learnt from, by mission; empty where it was not the dataset's."""
     dataset = trained.request.dataset
@@ -128,6 +136,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
         "operating_point": trained.operating_point.to_json(),
         "distribution": trained.distribution.summary() if trained.distribution else None,
         "sight": sight_to_json(_sight(dataset)),
+        "frame_sizes": _frame_sizes(trained),
         "fold_rules": [rule.to_json() for rule in trained.held_out.rules],
         "metrics": trained.metrics,
         "provenance": {
@@ -222,6 +231,7 @@ def _content(trained: Trained, recipe: bytes, run_id: str) -> BundleContent:
         operating_point=trained.operating_point,
         distribution=trained.distribution,
         sight=sight_from_json(written["sight"]),
+        frame_sizes=tuple((height, width) for height, width in written["frame_sizes"]),
     )
 
 

@@ -19,6 +19,7 @@ from tokt.labels.page.background import Background
 from tokt.labels.page.frames import for_background
 from tokt.labels.page.masks import covered_frame
 from tokt.models.bundle.bundle import Bundle
+from tokt.models.frame_sizes import size_fault
 from tokt.models.linear import LinearModel
 from tokt.models.sight import SightLimits
 
@@ -30,7 +31,6 @@ from .suggestion_table import (
     no_suggestions,
 )
 
-_ASPECT_TOLERANCE = 0.02  # of width over height; a row more or less is a crop of the same picture
 _OTHER_CAMERA = 50  # frames; so much nearer the shown camera's frames are computed first
 _SAVE_EVERY_S = 60.0
 
@@ -128,7 +128,7 @@ class Suggester:
         features = None
         try:
             image = covered_frame(mission, self._masks, camera, frame)
-            found = no_suggestions(self._size_fault(*image.shape[:2]))
+            found = no_suggestions(size_fault(*image.shape[:2], self.bundle.frame_sizes))
             if not found.fault:
                 grid, size = self.bundle.grid, image.shape[:2]
                 features = self.bundle.extractor.describe(image, grid)
@@ -149,14 +149,6 @@ class Suggester:
         if self._sight is not None:
             unseen = np.array(self._sight(self.bundle.sight, image, mask)) != ""
         return np.asarray(unseen & ~np.array(self.bundle.model.obstacle)[classes])
-
-    def _size_fault(self, height: int, width: int) -> str:
-        """Why a frame is of another shape than all that the model learnt from, or nothing."""
-        learnt = self.bundle.frame_sizes
-        if any(abs(width * h / (height * w) - 1) <= _ASPECT_TOLERANCE for h, w in learnt):
-            return ""
-        sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
-        return f"the frame is {width}x{height}, the model learnt from {sizes}"
 
     def _load(self) -> None:
         self._saved, self._saved_at = 0, time.monotonic()

@@ -35,20 +35,24 @@ def make_bundle(bundle_file):
     content = read_bundle(bundle_file).content
 
     def make(version: str, large: bool = False) -> Bundle:
-        made = replace(content, version=version)
-        if large:  # of a camera of twice the pixels each way
-            frame = draw_large([(4, 5)])
-            features = build_extractor(content.extractor_spec).describe(frame, content.grid)
-            values = content.model.decision_values(features)
-            obstacle = content.model.obstacle_patches(values)
-            made = replace(made, golden=golden_of([frame], [values], [obstacle]))
+        frame = draw_large([(1, 5)]) if large else draw_strip([(1, 5)])
+        features = build_extractor(content.extractor_spec).describe(frame, content.grid)
+        values = content.model.decision_values(features)
+        golden = golden_of([frame], [values], [content.model.obstacle_patches(values)])
+        made = replace(content, version=version, golden=golden, frame_sizes=())
         return bundle_from_bytes(bundle_bytes(made), version)
 
     return make
 
 
+def draw_strip(patches, seed=0):
+    """A frame of a shape that only a model of such frames judges."""
+    return draw(patches, seed)[:100]
+
+
 def draw_large(patches, seed=0):
-    return np.kron(draw(patches, seed), np.ones((2, 2), np.uint8))
+    """One of another camera, of twice the pixels each way."""
+    return np.kron(draw_strip(patches, seed), np.ones((2, 2), np.uint8))
 
 
 @pytest.fixture
@@ -143,22 +147,22 @@ def test_a_new_model_of_another_camera_is_refused_until_that_camera_is_there(
 ):
     run = Run(store, hand_clock)
     with looping(run.runtime):
-        assert run.frames(GOOD_FRAMES - 1, draw) == [] and run.kept == ""
-        assert run.frames(0, draw) == [] and run.kept == "noise/1"
+        assert run.frames(GOOD_FRAMES - 1, draw_strip) == [] and run.kept == ""
+        assert run.frames(0, draw_strip) == [] and run.kept == "noise/1"
         store.deploy(make_bundle("2", large=True))
-        (told,) = run.frames(1, draw)
+        (told,) = run.frames(1, draw_strip)
         assert told.startswith(
             "model_refused: model noise/2 is refused: it cannot judge the newest"
         )
-        assert "frames are 360x271, the model learnt from 720x542" in told
+        assert "frames are 360x100, the model learnt from 720x200" in told
         assert told.endswith("; the running model goes on")
         hand_clock.now += RETRY_S + 1
-        assert run.frames(1, draw) == []  # told once
+        assert run.frames(1, draw_strip) == []  # told once
         # A dark frame, and one of another size, say nothing of which model is the right one.
-        run.frames(1, lambda patches, seed: draw(patches, seed) // 40)
+        run.frames(1, lambda patches, seed: draw_strip(patches, seed) // 40)
         hand_clock.now += RETRY_S + 1
         assert run.frames(1, draw_large) == [] and run.verdict.reason == "wrong_size"
-        assert run.frames(0, draw) == [] and run.verdict.model == "noise/1"
+        assert run.frames(0, draw_strip) == [] and run.verdict.model == "noise/1"
         hand_clock.now += RETRY_S + 1
         told = run.frames(1 + GOOD_FRAMES, draw_large)  # the other camera has come, after a stall
         assert told == ["model: model noise/2 runs from the next frame on"]
@@ -179,14 +183,14 @@ def test_a_start_with_a_model_of_another_camera_goes_back_to_the_last_good_one(
     store.deploy(make_bundle("2", large=True))
     run = Run(store, hand_clock)
     with looping(run.runtime):
-        assert run.frames(GOOD_FRAMES - 1, draw) == [] and run.verdict.reason == "wrong_size"
-        told, runs = run.frames(1, draw)
+        assert run.frames(GOOD_FRAMES - 1, draw_strip) == [] and run.verdict.reason == "wrong_size"
+        told, runs = run.frames(1, draw_strip)
         assert told.startswith("model_refused: model noise/2 cannot judge what this camera gives: ")
         assert "the last good one runs instead: noise/1, sha256 " in told
         assert runs == "model: model noise/1 runs from the next frame on"
         assert run.verdict.model == "noise/1" and "instead: noise/1" in run.verdict.health
         hand_clock.now += RETRY_S + 1
-        (told,) = run.frames(GOOD_FRAMES, draw)
+        (told,) = run.frames(GOOD_FRAMES, draw_strip)
         assert "model noise/2 is refused: it cannot judge the newest frame" in told
         assert run.kept == "noise/1" and run.verdict.model == "noise/1"
         # The camera that the active model was made for.
@@ -209,12 +213,12 @@ def test_a_model_that_waits_to_be_put_in_is_not_blamed_for_the_one_before_it(
     run = Run(store, hand_clock)
     with looping(run.runtime):
         for _ in range(GOOD_FRAMES):
-            run._give(draw)
+            run._give(draw_strip)
         assert run.verdict.reason == "wrong_size"
         store.deploy(make_bundle("3"))
         run.watch.look()
         run.watch.look()
-        assert run.frames(0, draw) == ["model: model noise/3 runs from the next frame on"]
+        assert run.frames(0, draw_strip) == ["model: model noise/3 runs from the next frame on"]
         assert run.verdict.model == "noise/3"
 
 
@@ -234,7 +238,7 @@ def test_there_it_goes_on_saying_unknown_where_the_last_good_one_is_no_better(
     run = Run(store, hand_clock)
     with looping(run.runtime):
         for _ in range(2):
-            assert run.frames(GOOD_FRAMES, draw) == [] and run.verdict.reason == "wrong_size"
+            assert run.frames(GOOD_FRAMES, draw_strip) == [] and run.verdict.reason == "wrong_size"
             hand_clock.now += RETRY_S + 1
         assert not last_good or store.last_good_file.read_bytes()[:-1] in other.data
 

@@ -25,32 +25,27 @@ def test_a_real_bundle_is_a_scorer(bundle_file, draw_frame):
 
 
 @pytest.mark.parametrize(
-    ("width", "height", "fit"),
+    ("width", "height", "judged"),
     [
         (1360, 1024, True),
-        (1360, 1030, True),
-        (1360, 980, False),  # another aspect ratio
-        (1024, 771, True),
-        (1000, 753, False),  # under 0.75 of the training frames' width
-        (1800, 1355, True),
-        (1820, 1370, False),  # over 1.33 of it
-        (64, 48, False),
+        (100, 40, True),  # learnt from, whatever its shape
+        (968, 608, True),
+        (1920, 1080, True),
+        (576, 1024, True),  # portrait
+        (256, 256, True),
+        (2688, 1000, True),
+        (2800, 1000, False),  # wider than what was measured
+        (490, 1000, False),  # narrower
+        (64, 48, False),  # small: its detail would be made up
     ],
 )
-def test_frames_unlike_the_training_frames_are_unknown(noise_scorer, width, height, fit):
-    noise_scorer.frame_sizes = ((480, 640), (1024, 1360))
-    found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, noisy(60, 9, height, width), None))
-    assert (found.mask is not None) == fit
-    fault = f"frames are {width}x{height}, the model learnt from 640x480 or 1360x1024"
-    assert found.fault == ("" if fit else fault)
-
-
-def test_frames_narrower_than_the_grid_are_unknown_unless_learnt_from(noise_scorer):
-    frame = Frame(1, 0.0, noisy(60, 9, 240, 320), None)
-    noise_scorer.frame_sizes = ((300, 400),)
-    assert "320x240" in TextureDetector(noise_scorer).detect(frame).fault
-    noise_scorer.frame_sizes = ((240, 320),)
-    assert TextureDetector(noise_scorer).detect(frame).fault == ""
+def test_frames_of_other_sizes_are_judged_within_bounds(noise_scorer, width, height, judged):
+    noise_scorer.frame_sizes = ((1024, 1360), (40, 100))
+    frame = noisy(60, 9, height, width)
+    found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, frame, None))
+    assert (found.mask is not None) == judged
+    start = f"frames are {width}x{height}, the model learnt from 1360x1024 or 100x40"
+    assert found.fault.startswith("" if judged else start) and bool(found.fault) != judged
 
 
 def test_a_frame_of_a_size_without_sight_is_told_where_another_size_has_it(noise_scorer):

@@ -510,6 +510,15 @@ def test_a_model_that_cannot_guard_says_so(make_content, classes, fault):
     assert bundle.frame_sizes == ((32, 48),)
 
 
+def test_every_size_that_was_learnt_from_is_in_the_file(make_content):
+    sizes = ((32, 48), (576, 1024), (100, 900))
+    content = dataclasses.replace(make_content(), frame_sizes=sizes)
+    assert bundle_from_bytes(bundle_bytes(content), "x").frame_sizes == sizes
+    members = unpack(bundle_bytes(content))
+    for wrong in ([], 3, [[32]], [[32, 0]], [[32, True]], [[32, 10**9]], [["32", 48]], [[1, 1, 1]]):
+        assert "does not fit together" in refuse(rehash(members, {"frame_sizes": wrong}))
+
+
 def test_large_decision_values_are_held_to_their_own_scale(make_content):
     """Unscaled features give values in the thousands: 1e-9 of those, and no more."""
     content = make_content()

@@ -103,6 +103,7 @@ def test_format_1_loads(stamp):
         (2, "lastweek/4", "15f15496898d", OperatingPoint(RULE_OF_2, {"target_rate": 1e-4})),
         (3, "yesterday/5", "dc80d33fbcf3", None),
         (4, "lastweek/6", "cd80ee1e8bf9", None),
+        (5, "yesterday/7", "7416143671ac", None),
     ],
 )
 def test_a_file_of_an_older_format_is_the_same_model_in_this_one(version, label, sha256, point):
@@ -119,10 +120,15 @@ def test_a_file_of_an_older_format_is_the_same_model_in_this_one(version, label,
     # No map before format 4, no distribution before format 3, no numbers of sight before 5.
     assert old.signature is None
     gammas = [one.model.map and one.model.map.gamma for one in (old, new)]
-    assert gammas[0] == gammas[1] and bool(gammas[0]) == (version == 4)
+    assert gammas[0] == gammas[1] and bool(gammas[0]) == (version >= 4)
     kept = [one.distribution and one.distribution.summary() for one in (old, new)]
     assert kept[0] == kept[1] and bool(kept[0]) == (version >= 3)
-    assert old.sight == new.sight == () and "sight was not measured" in old.blindness
+    assert old.sight == new.sight and bool(old.sight) == (version >= 5)
+    assert ("sight was not measured" in old.blindness) == (version < 5)
+    # No sizes before format 6: those of the golden frames; and no rounds of a boundary: 6.
+    assert old.frame_sizes == new.frame_sizes == ((32, 48),)
+    water = old.operating_point.water
+    assert (water and water.rounds) == (6 if version == 5 else None)
     assert old.model.classes == new.model.classes == ("ocean", "sand", "other")
     assert old.model.obstacle == new.model.obstacle
     np.testing.assert_array_equal(old.model.weights, new.model.weights)

@@ -1,0 +1,35 @@
+"""The sizes of frames that a model judges: those it learnt from, and other shapes within bounds.
+
+Frames are brought to the width of the model's grid, and the grid's patches cover the whole frame
+whatever its shape. Measured with whole sites held out (docs/explanation/waters.md): frames of
+shapes from 9:16 to 2432x954 that no training frame had were judged as well as those of 4:3.
+"""
+
+from collections.abc import Sequence
+
+MIN_ASPECT, MAX_ASPECT = 0.5, 2.7
+"""Width over height of a shape that no training frame had: 0.56 and 2.55 were measured."""
+MIN_WIDTH = 240
+"""Pixels, of a size that no training frame had: 256 was measured, brought to width 360."""
+_MAX_NAMED = 6
+
+Size = tuple[int, int]
+"""Height and width in pixels."""
+
+
+def size_fault(height: int, width: int, learnt: Sequence[Size]) -> str:
+    """Say why frames of a size are not judged by a model of frames of other sizes.
+
+    Returns an empty string where they are.
+    """
+    if (height, width) in learnt:
+        return ""
+    aspect = width / height
+    if MIN_ASPECT <= aspect <= MAX_ASPECT and width >= MIN_WIDTH:
+        return ""
+    sizes = " or ".join(f"{w}x{h}" for h, w in learnt[:_MAX_NAMED])
+    sizes += " or others" * (len(learnt) > _MAX_NAMED)
+    return (
+        f"frames are {width}x{height}, the model learnt from {sizes}; others have to be "
+        f"{MIN_WIDTH} pixels wide or more, and {MIN_ASPECT:g} to {MAX_ASPECT:g} times the height"
+    )
