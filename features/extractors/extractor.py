@@ -15,13 +15,16 @@ Specs::
     {"name": "moments", "version": 1, "image": IMAGE}
     {"name": "gradients", "version": 1, "smooth": [1, 3, 5, 9]}
     {"name": "colour", "version": 1, "cells": 9}
+    {"name": "colour", "version": 2, "cells": 9, "gray": true}
     {"name": "place", "version": 1}
     {"name": "relative", "version": 1, "parts": [SPEC, ...], "quietest": 0.3}
+    {"name": "water_contrast", "version": 1, "parts": [SPEC, ...], "quietest": 0.3, "cells": 9}
     {"name": "context", "version": 1, "part": SPEC, "statistic": "mean"}
     {"name": "join", "version": 1, "parts": [SPEC, SPEC, ...]}
 
 A join takes contexts and a context may be of a join, but nothing stands inside its own kind.
-Gradients, colour and place have no image; relative takes away what the frame's own water shows.
+Gradients, colour and place have no image; relative and water_contrast take away what the frame's
+own water shows.
 
 ``IMAGE`` says how the frame becomes the picture of up to 256 levels that is looked at::
 

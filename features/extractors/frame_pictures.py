@@ -5,11 +5,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import I64, U8
+from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import STEPS_PER_LEVEL, Quantization
+
+from .cielab import lab_of
 
 
 def _picture_size(frame: U8, grid: Grid) -> tuple[int, int]:
@@ -62,6 +64,7 @@ class FramePictures:
         self.threads = threads
         self._frame = frame
         self._made: dict[Quantization | None, U8] = {}
+        self._colours: dict[int, F64] = {}
 
     def picture(self, image: Quantization | None) -> U8:
         """The picture a spec's ``image`` describes, uint8; None is the plain one."""
@@ -98,6 +101,13 @@ class FramePictures:
         sums = KERNELS.box_sums(self._frame, rows, columns, self.threads)
         pixels = np.diff(rows)[:, None] * np.diff(columns)[None]
         return np.asarray((sums * STEPS_PER_LEVEL + pixels // 2) // pixels, np.int64)
+
+    def colours(self, cells: int) -> F64:
+        """`box_means` in CIELAB, (grid.rows * cells, grid.cols * cells, 3); gray has no colour."""
+        if cells not in self._colours:
+            means = self.box_means(cells)
+            self._colours[cells] = lab_of(np.broadcast_to(means, (*means.shape[:2], 3)))
+        return self._colours[cells]
 
     @cached_property
     def gray16(self) -> NDArray[np.uint16]:

@@ -9,7 +9,7 @@ from tokt.features.kernels.quantization import FRAME, Quantization
 
 from .spec import build_extractor
 from .textures import LOG, NEAREST, Context, Extractor, Glcm, Join, Lbp, Lines, Structure
-from .water import Colour, Gradients, PatchPlace, Relative
+from .water import Colour, Gradients, PatchPlace, Relative, WaterContrast
 
 _FILE = "spec:"
 
@@ -20,10 +20,6 @@ _STROKES = Quantization(gain=24, smooth=3, window=31, by=FRAME)
 
 _SHAPES = Lbp(8, 13, "frame", _PATTERNS, NEAREST)
 _FINE_LINES = Lines((2, 4), replace(_STROKES, smooth=1))
-
-
-def _water(*parts: Extractor) -> Extractor:
-    return Join([Context(Relative(parts, 0.3), "mean"), PatchPlace()])
 
 
 _GRADIENTS = Gradients((1, 3, 5, 9))
@@ -43,8 +39,10 @@ NAMED: dict[str, Extractor] = {
     "structure_3": Structure(_GRAINS),
     "structure_7": Structure(Quantization(gain=24, smooth=7, window=121, by=FRAME)),
     "structure_11": Structure(Quantization(gain=24, smooth=11, window=121, by=FRAME)),
-    "water": _water(_GRADIENTS, Colour(9), _SHAPES, _FINE_LINES),
-    "water_gray": _water(_GRADIENTS, _SHAPES, _FINE_LINES),
+    "water": WaterContrast([_GRADIENTS, Colour(9, gray=True), _SHAPES, _FINE_LINES], 0.3, 9),
+    "water_gray": Join(
+        [Context(Relative([_GRADIENTS, _SHAPES, _FINE_LINES], 0.3), "mean"), PatchPlace()]
+    ),
     "lbp_8_1": Lbp(8, 1, "patch"),
     "lbp_8_2": Lbp(8, 2, "patch"),
     "lbp_12_3": Lbp(12, 3, "patch"),

@@ -24,7 +24,7 @@ from .textures import (
     Moments,
     Structure,
 )
-from .water import Colour, Gradients, PatchPlace, Relative
+from .water import Colour, Gradients, PatchPlace, Relative, WaterContrast
 
 Spec = Mapping[str, Any]
 Outer = frozenset[str]
@@ -97,19 +97,33 @@ def _gradients_from(spec: Spec, outer: Outer) -> Gradients:
 def _colour_from(spec: Spec, outer: Outer) -> Colour:
     if type(spec["cells"]) is not int or not 3 <= spec["cells"] <= MAX_CELLS:
         raise ToktError(f"colour: cells is a whole number, 3 to {MAX_CELLS}")
-    return Colour(spec["cells"])
+    if spec.get("gray", True) is not True:
+        raise ToktError("colour: gray is true, or not there")
+    return Colour(spec["cells"], gray="gray" in spec)
+
+
+def _parts_with_energies(spec: Spec, outer: Outer) -> list[Extractor]:
+    """The parts of what takes the water's features away, and with them a sound `quietest`."""
+    name, parts, quietest = spec["name"], spec["parts"], spec["quietest"]
+    if not isinstance(parts, list) or not parts:
+        raise ToktError(f"extractor {name}: takes one other extractor or more")
+    if type(quietest) is not float or not 0 < quietest <= 1:
+        raise ToktError(f"{name}: quietest is above 0.0 and at most 1.0, not {quietest!r}")
+    built = [_built(part, outer | {"relative", "water_contrast"}) for part in parts]
+    if not any(flag for part in built for flag in part.energies):
+        raise ToktError(f"extractor {name}: one of its parts is gradients or colour")
+    return built
 
 
 def _relative_from(spec: Spec, outer: Outer) -> Relative:
-    parts, quietest = spec["parts"], spec["quietest"]
-    if not isinstance(parts, list) or not parts:
-        raise ToktError("extractor relative: takes one other extractor or more")
-    if type(quietest) is not float or not 0 < quietest <= 1:
-        raise ToktError(f"relative: quietest is above 0.0 and at most 1.0, not {quietest!r}")
-    built = [_built(part, outer | {"relative"}) for part in parts]
-    if not any(flag for part in built for flag in part.energies):
-        raise ToktError("extractor relative: one of its parts is gradients or colour")
-    return Relative(built, quietest)
+    return Relative(_parts_with_energies(spec, outer), spec["quietest"])
+
+
+def _water_contrast_from(spec: Spec, outer: Outer) -> WaterContrast:
+    cells = spec["cells"]
+    if type(cells) is not int or cells % 3 or not 3 <= cells <= MAX_CELLS:
+        raise ToktError(f"water_contrast: cells is a multiple of 3, 3 to {MAX_CELLS}")
+    return WaterContrast(_parts_with_energies(spec, outer), spec["quietest"], cells)
 
 
 # By version, the builder and the keys beside name and version; no other key comes to a builder.
@@ -126,9 +140,10 @@ _BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Extractor], set[str
     "structure": {1: (lambda spec, outer: Structure(_image_from(spec)), {"image"})},
     "lines": {1: (_lines_from, {"samples", "image"})},
     "gradients": {1: (_gradients_from, {"smooth"})},
-    "colour": {1: (_colour_from, {"cells"})},
+    "colour": {1: (_colour_from, {"cells"}), 2: (_colour_from, {"cells", "gray"})},
     "place": {1: (lambda spec, outer: PatchPlace(), set())},
     "relative": {1: (_relative_from, {"parts", "quietest"})},
+    "water_contrast": {1: (_water_contrast_from, {"parts", "quietest", "cells"})},
     "context": {1: (_context_from, {"part", "statistic"})},
     "join": {1: (_join_from, {"parts"})},
 }
@@ -195,9 +210,13 @@ def _texture(part: Mapping[str, Any]) -> str:
             return f"{extractor_summary(part['part'])}, {around}"
         case "gradients":
             return f"gradients smoothed over {', '.join(map(str, part['smooth']))} pixels"
-        case "relative":
+        case "relative" | "water_contrast":
             of = extractor_summary({"name": "join", "parts": part["parts"]})
-            return f"{of}, less what the quietest {part['quietest']:.0%} of its patches show"
+            less = f"{of}, less what the quietest {part['quietest']:.0%} of its patches show"
+            more = (
+                "; neighbours, colour off a smooth field and off a plane, the frame's own energies"
+            )
+            return less + more * (part["name"] == "water_contrast")
     return _FIXED_WORDS.get(str(part.get("name"))) or json.dumps(dict(part), sort_keys=True)
 
 

@@ -1,7 +1,8 @@
 """Extractors that know the water: gradients, colour, place, and what differs from the frame's own.
 
 How bright, grainy and colourful water looks differs from dive to dive; how a patch differs from the
-quietest patches of its own frame does so much less.
+quietest patches of its own frame, or from the smooth field of colour that the water makes over it,
+does so much less.
 """
 
 from collections.abc import Sequence
@@ -9,14 +10,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, I64, Bools
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import STEPS_PER_LEVEL
 
 from .frame_pictures import FramePictures
-from .textures import SPEC_VERSION, Extractor, Join
+from .textures import SPEC_VERSION, Context, Extractor, Join, around
 
 _NO_ENERGY = 1e-3
 """Squared grey levels a pixel that count as no gradient: the logarithm of less says nothing."""
@@ -59,25 +60,33 @@ class Colour(Extractor):
     """A patch's mean colour in CIELAB, and how much a and b change within it, across and down.
 
     It is looked at in cells x cells parts. Reference: CIE 15:2004, for sRGB and D65.
+
+    Parameters
+    ----------
+    cells : int
+    gray : bool
+        Whether a gray frame is described too, as one without any colour; else it is refused. A spec
+        that allows it is of version 2.
     """
 
     images = ()
-    needs_colour = True
 
-    def __init__(self, cells: int) -> None:
+    def __init__(self, cells: int, gray: bool = False) -> None:
         self.cells = cells
+        self.needs_colour = not gray
         kinds = ("a_across", "a_down", "b_across", "b_down")
         self.names = tuple(f"colour_{kind}" for kind in ("lightness", "a", "b", *kinds))
         self.dim = len(self.names)
         self.energies = (False, False, False, True, True, True, True)
-        self._spec = {"name": "colour", "version": SPEC_VERSION, "cells": cells}
+        newer = {"version": 2, "gray": True} if gray else {"version": SPEC_VERSION}
+        self._spec = {"name": "colour", "cells": cells, **newer}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
-        """One row a patch; ToktError if the frame has no colour."""
-        if not pictures.has_colour:
+        """One row a patch; ToktError if the frame has no colour and needs it."""
+        if self.needs_colour and not pictures.has_colour:
             raise ToktError("the model looks at colours, and the frame is gray")
         grid, cells = pictures.grid, self.cells
-        lab = lab_of(pictures.box_means(cells))
+        lab = pictures.colours(cells)
         change = np.zeros((2, *lab.shape[:2], 2))
         change[0, :, 1:-1] = lab[:, 2:, 1:] - lab[:, :-2, 1:]
         change[1, 1:-1] = lab[2:, :, 1:] - lab[:-2, :, 1:]
@@ -86,35 +95,6 @@ class Colour(Extractor):
         parts = both.reshape(grid.rows, cells, grid.cols, cells, self.dim)
         mean = parts.mean(axis=(1, 3)).reshape(grid.n_patches, self.dim)
         return np.hstack([mean[:, :3], np.log(mean[:, 3:] / 4 + _NO_COLOUR_ENERGY)])
-
-
-# From linear sRGB (columns B, G, R) to X, Y, Z over those of white (IEC 61966-2-1).
-_XYZ = np.array(
-    [
-        [0.1804375, 0.3575761, 0.4124564],
-        [0.0721750, 0.7151522, 0.2126729],
-        [0.9503041, 0.1191920, 0.0193339],
-    ]
-) / np.array([[0.95047], [1.0], [1.08883]])
-_DARK, _SLOPE = 216 / 24389, 24389 / 27 / 116
-
-
-@lru_cache(maxsize=1)
-def _linear() -> F64:
-    """Linear light of an sRGB level in steps of 1/256, 0 to 255 levels."""
-    level = np.arange(255 * STEPS_PER_LEVEL + 1) / (255.0 * STEPS_PER_LEVEL)
-    return np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
-
-
-def lab_of(bgr16: I64) -> F64:
-    """CIELAB of sRGB colours, float64, shape (..., 3).
-
-    These are blue, green and red in 1/256 level, 0 to 255 * 256.
-    """
-    xyz = _linear()[bgr16] @ _XYZ.T
-    curved = np.where(xyz > _DARK, np.cbrt(xyz), _SLOPE * xyz + 16 / 116)
-    x, y, z = np.moveaxis(curved, -1, 0)
-    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
 class PatchPlace(Extractor):
@@ -158,7 +138,153 @@ class Relative(Join):
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """The parts' features, in order, each less its median over the quietest patches."""
-        features = super().describe_pictures(pictures)
+        return self.less_water(super().describe_pictures(pictures))
+
+    def less_water(self, features: F64) -> F64:
+        """The parts' features, (n_patches, dim), less their median over the quietest patches."""
         energy = features[:, self._energies].mean(axis=1)
         quiet = np.argsort(energy, kind="stable")[: max(1, round(self.quietest * len(energy)))]
         return features - np.median(features[quiet], axis=0)
+
+
+_CELLS = 3  # parts of a patch, down and across, in which its colour is compared with a plane
+_NO_CHANGE = (
+    0.05  # units of Lab that count as no change of colour: of less a logarithm says nothing
+)
+_BASIS = 6  # functions of the place: constant, two slopes, and curvature in three directions
+_ROUNDS = 4  # of the robust fit: on held-out sites as good as 20
+_RIDGE = 1e-2 * np.diag([0.0, 1, 1, 3, 3, 3])  # so that few quiet patches give a flat field
+_FRAME_PARTS = (0.1, 0.5, 0.9)  # quantiles over a frame's patches
+
+
+class WaterContrast(Extractor):
+    """What a patch shows against the water of its own frame, seen in several ways.
+
+    Chosen with whole sites held out (docs/explanation/waters.md). In this order:
+
+    - the parts' features less those of the quietest patches (`Relative`), and the mean of these
+      over the eight neighbours (`Context`);
+    - where the patch stands in the frame (`PatchPlace`);
+    - its mean colour less a smooth field of colour, fitted robustly to the quieter half of the
+      frame, and how far off that is: light and tint fall off towards a frame's edges;
+    - logarithms of how much the colours of its 3x3 cells differ from a plane, and at all: the shape
+      of colour, not its level;
+    - of each energy the frame's 10 % quantile, and how far the median and the 90 % quantile are
+      above it: the same for all patches, so that a frame without any water can be told.
+
+    Parameters
+    ----------
+    parts : sequence of Extractor
+        Some have energies.
+    quietest : float
+        As for `Relative`.
+    cells : int
+        Of a patch, down and across, of which colours are taken; a multiple of 3.
+    """
+
+    images = ()
+
+    def __init__(self, parts: Sequence[Extractor], quietest: float, cells: int) -> None:
+        self._water = Relative(parts, quietest)
+        self.quietest, self.cells = quietest, cells
+        self.images = self._water.images
+        self.needs_colour = self._water.needs_colour
+        plain = Join(parts)
+        self._energies = np.array(plain.energies, bool)
+        energies = [name for name, flag in zip(plain.names, plain.energies, strict=True) if flag]
+        channels = ("lightness", "a", "b")
+        self.names = (
+            *Context(self._water, "mean").names,
+            *PatchPlace.names,
+            *(f"field_{name}" for name in (*channels, "distance")),
+            *(f"cells_{kind}_{name}" for kind in ("off_plane", "spread") for name in channels),
+            *(f"frame_{kind}.{name}" for kind in ("low", "middle", "high") for name in energies),
+        )
+        self.dim = len(self.names)
+        self._spec = {
+            "name": "water_contrast",
+            "version": SPEC_VERSION,
+            "parts": [part.spec for part in parts],
+            "quietest": quietest,
+            "cells": cells,
+        }
+
+    def describe_pictures(self, pictures: FramePictures) -> F64:
+        """One row a patch."""
+        grid = pictures.grid
+        features = Join.describe_pictures(self._water, pictures)
+        energies = features[:, self._energies]
+        relative = self._water.less_water(features)
+        colours = pictures.colours(self.cells)
+        finer = self.cells // _CELLS
+        parts = colours.reshape(grid.rows, _CELLS, finer, grid.cols, _CELLS, finer, 3)
+        cells = parts.mean(axis=(2, 5)).transpose(0, 2, 1, 3, 4).reshape(grid.n_patches, -1, 3)
+        field = off_field(cells.mean(axis=1), energies.mean(axis=1), grid)
+        low, *higher = np.quantile(energies, _FRAME_PARTS, axis=0)
+        frame = np.concatenate([low, *(one - low for one in higher)])
+        return np.hstack(
+            [
+                *(relative, around(relative, grid, "mean"), _places(grid)),
+                *(field, np.sqrt((field**2).sum(axis=1, keepdims=True))),
+                np.log(_NO_CHANGE + (_OFF_PLANE @ cells).std(axis=1)),
+                np.log(_NO_CHANGE + cells.std(axis=1)),
+                np.broadcast_to(frame, (grid.n_patches, len(frame))),
+            ]
+        )
+
+
+def _off_plane() -> F64:
+    """The matrix that takes a plane out of the values of 3x3 cells, row by row."""
+    down, across = np.divmod(np.arange(_CELLS**2), _CELLS) - np.ones((2, 1))
+    plane = np.stack([np.ones(_CELLS**2), down, across], axis=1)
+    return np.asarray(np.eye(_CELLS**2) - plane @ np.diag(1 / (plane**2).sum(axis=0)) @ plane.T)
+
+
+_OFF_PLANE = _off_plane()
+
+
+@lru_cache(maxsize=4)
+def _field_basis(grid: Grid) -> F64:
+    """Functions of the place in the frame, (n_patches, `_BASIS`)."""
+    row, col = np.divmod(np.arange(grid.n_patches), grid.cols)
+    y = row / max(grid.rows - 1, 1) - 0.5
+    x = col / max(grid.cols - 1, 1) - 0.5
+    return np.stack([np.ones_like(x), y, x, y * x, y**2, x**2], axis=1)
+
+
+def off_field(colours: F64, energy: F64, grid: Grid) -> F64:
+    """The patches' colours less a smooth field of colour over the frame.
+
+    The field is a quadratic function of the place, fitted to the quieter half of the patches with
+    weights that fall with the distance from it (iteratively reweighted least squares with Cauchy's
+    weight function: Holland, Welsch (1977), "Robust regression using iteratively reweighted
+    least-squares", Commun. Statist. A 6).
+
+    Parameters
+    ----------
+    colours : array of float64, shape (n_patches, 3)
+        CIELAB.
+    energy : array of float64, shape (n_patches,)
+        Low where a patch is quiet.
+    grid : Grid
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (n_patches, 3).
+    """
+    basis = _field_basis(grid)
+    quiet = np.argsort(energy, kind="stable")[: (grid.n_patches + 1) // 2]
+    basis, known = basis[quiet], colours[quiet]
+    weight = np.ones(len(quiet))
+    for _ in range(_ROUNDS):
+        weighted = basis * weight[:, None]
+        field = np.linalg.solve(weighted.T @ basis + _RIDGE, weighted.T @ known)
+        off = known - basis @ field
+        spread = _SD_OF_MAD * np.median(np.abs(off), axis=0) + _LEAST_SPREAD
+        weight = 1 / (1 + (off / (2 * spread)) ** 2).mean(axis=1)
+    return np.asarray(colours - _field_basis(grid) @ field)
+
+
+_SD_OF_MAD = 1.4826  # a normal distribution's standard deviation over its median absolute deviation
+_LEAST_SPREAD = 0.3  # units of Lab: of a field that fits to the last digit

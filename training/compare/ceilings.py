@@ -18,6 +18,7 @@ from tokt.features.common.arrays import F32, F64, I64
 from tokt.training.datasets.dataset import FRAME_KEY, PATCH_KEY, DatasetVersion
 from tokt.training.datasets.splits import dive_weights
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
+from tokt.training.fitting.classifier import Tables
 
 from .learning import set_up
 from .predictions import ComparedModels, ModelPredictions
@@ -44,8 +45,9 @@ def ceilings(
         setting = set_up(item, dataset, workspace, progress)
         dives = setting.split.dives(dataset.patches)
         weight = np.ones(len(setting.targets)) if dives is None else dive_weights(dives)
-        tables, changed = [setting.features, *setting.augmented], setting.settings.change_weight
-        learner = _boosting(tables, setting.targets, weight, changed)
+        changed = setting.settings.change_weight
+        tables = setting.features, setting.augmented
+        learner = _boosting(*tables, setting.targets, weight, changed)
         tried.append(({"learner": "gradient boosting", "model": item.label}, learner))
     net: dict[str, Any] = {"learner": "small convolutional net on the pixels", "model": None}
     if find_spec("torch"):
@@ -70,15 +72,22 @@ def ceilings(
     return [*(about for about, _ in tried if about is not net), net]
 
 
-def _boosting(tables: Sequence[F64], targets: I64, weight: F64, changed: float) -> _Learner:
+def _boosting(
+    features: F64, augmented: Tables, targets: I64, weight: F64, changed: float
+) -> _Learner:
     """Learns from augmented frames too, with the same weight, where the model does."""
 
     def learn(train: I64, test: I64) -> F64:
-        weights = np.hstack([weight[train], *[changed * weight[train]] * (len(tables) - 1)])
-        rows, known = np.concatenate([one[train] for one in tables]), [targets[train]] * len(tables)
+        rows, sources, weights = [features[train]], [train], [weight[train]]
+        for table in augmented:
+            at = table.of(train)
+            rows.append(table.features[at])
+            sources.append(table.source[at])
+            weights.append(changed * weight[table.source[at]])
         booster = HistGradientBoostingClassifier(random_state=0)
-        booster.fit(rows, np.hstack(known), weights)
-        return np.asarray(booster.predict_proba(tables[0][test]), np.float64)
+        known = targets[np.concatenate(sources)]
+        booster.fit(np.concatenate(rows), known, np.concatenate(weights))
+        return np.asarray(booster.predict_proba(features[test]), np.float64)
 
     return learn
 

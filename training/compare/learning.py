@@ -15,6 +15,7 @@ import numpy as np
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.frames.mission import format_frames
 from tokt.models.registry.registry import Registry, fitting
+from tokt.training.datasets.changed_patches import ChangedPatches, changed_patches
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import Fold
@@ -41,7 +42,7 @@ class _Setting:
 
     dataset: DatasetVersion
     features: F64
-    augmented: list[F64]
+    augmented: list[ChangedPatches]
     folds: list[Fold]
     choices: list[Hyperparameters]
     settings: TrainingSettings
@@ -139,10 +140,9 @@ def set_up(
         if len(folds) != len(choices):
             raise ValueError(f"{len(folds)} folds, choices of {len(choices)}")
     spec = dict(predictions.bundle.content.extractor_spec)
-    features, *augmented = (
-        cached_features(dataset, spec, workspace / "cache", progress, augmentation=augmentation)
-        for augmentation in ("", *settings.changes)
-    )
+    cache = workspace / "cache"
+    features = cached_features(dataset, spec, cache, progress)
+    augmented = [changed_patches(dataset, spec, name, cache, progress) for name in settings.changes]
     folds, every = _thinned(dataset, folds, features.shape[1] * (1 + len(augmented)))
     return _Setting(dataset, features, augmented, folds, choices, settings, every, split)
 

@@ -1,7 +1,7 @@
 """A cache of the features of a dataset's patches, computed once for an extractor."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from .dataset import FRAME_KEY, DatasetVersion, read_stored_frame
 _LIBRARIES = ("numpy", "opencv-python-headless")
 _REFERENCES = ("scikit-image", "mahotas")
 _CODE = {".py", ".so", ".pyd"}
+_CHANGING = ("augmentations.py", "changed_patches.py", "frame_changes.py")
 
 
 def _source_hash() -> str:
@@ -50,7 +51,8 @@ def feature_key(
     libraries = {name: version(name) for name in computing}
     parts = [dataset.hash, spec, libraries, _source_hash()]
     if augmentation:
-        code = Path(augmentations.__file__).read_bytes()
+        folder = Path(augmentations.__file__).parent
+        code = b"".join((folder / name).read_bytes() for name in _CHANGING)
         parts += [augmentation, hashlib.sha256(code).hexdigest()]
     if whole_frames:
         parts.append("labelled first")
@@ -122,10 +124,28 @@ def cached_features(
     path = cache / f"{dataset.name}-{key}.npy"
     tasks = _tasks(dataset, spec, augmentation, whole_frames)
     shape = (sum(len(rows) for rows, _ in tasks), build_extractor(spec).dim)
+    what = f"features, {augmentation}" if augmentation else "features"
+    return cached_table(tasks, _describe, path, shape, what, progress, jobs, dask)
+
+
+def cached_table(
+    tasks: Sequence[tuple[I64, Any]],
+    describe: Callable[[Any], F64],
+    path: Path,
+    shape: tuple[int, int],
+    what: str,
+    progress: Callable[..., Any],
+    jobs: int = -1,
+    dask: str | None = None,
+) -> F64:
+    """A table of float64 of this shape, from the file `path` or computed and kept there.
+
+    `tasks` are pairs of rows of the table and what `describe` makes their values of; `what` is what
+    to call them. The others are as in `cached_features`.
+    """
     table = _cached(path, shape)
     if table is None:
-        what = f"features, {augmentation}" if augmentation else "features"
-        _compute(tasks, path, shape, what, progress, jobs, dask)
+        _compute(tasks, describe, path, shape, what, progress, jobs, dask)
         table = _cached(path, shape)
     if table is None:
         raise ToktError(f"feature cache {path} cannot be read back; is the disk full?")
@@ -156,7 +176,8 @@ def _tasks(
 
 
 def _compute(
-    tasks: list[tuple[I64, _DescribeTask]],
+    tasks: Sequence[tuple[I64, Any]],
+    describe: Callable[[Any], F64],
     path: Path,
     shape: tuple[int, int],
     what: str,
@@ -167,7 +188,7 @@ def _compute(
     atomic.remove_partials(path.parent, atomic.ABANDONED_S)
     with atomic.scratch_folder(path) as folder:
         table = np.lib.format.open_memmap(folder / path.name, "w+", np.float64, shape)
-        described = mapped(_describe, (task for _, task in tasks), jobs, dask)
+        described = mapped(describe, (task for _, task in tasks), jobs, dask)
         results = progress(described, len(tasks), what)
         for (rows, _), values in zip(tasks, results, strict=True):
             table[rows] = values

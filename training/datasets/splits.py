@@ -24,8 +24,12 @@ MAX_JUDGED = 1_000_000
 BLOCK_FRAMES = 20
 EMBARGO_FRAMES = 5
 FOLDS = 5
-MAX_HELD_OUT_ALONE = 10
+MAX_HELD_OUT_ALONE = 16
 """More dives than these are held out several at a time: each fold is a cross-validation more."""
+
+
+FULL_DIVE = 6_000
+"""Labelled patches, those of 60 frames of the usual grid: a longer dive counts no more."""
 
 
 @dataclass(frozen=True)
@@ -150,10 +154,11 @@ def dive_folds(
     sites: Mapping[str, str],
     n_folds: int = FOLDS,
     refuse: bool = True,
+    alone: int = MAX_HELD_OUT_ALONE,
 ) -> list[Fold]:
     """Hold out whole sites, or whole dives where fewer than two sites can be: one a fold.
 
-    More than `MAX_HELD_OUT_ALONE` of them are shared out among `n_folds` folds. There is no fold
+    More than `alone` of them are shared out among `n_folds` folds. There is no fold
     where there is one dive, or all share pictures. Patches and targets are as in `blocked_folds`,
     sites as in `held_out_together`. A fold whose training part lacks a class is left out; with
     `refuse` it raises ToktError.
@@ -164,7 +169,7 @@ def dive_folds(
         pairs: Iterator[tuple[I64, I64]] = (
             (np.flatnonzero(unit != one), np.flatnonzero(unit == one)) for one in range(len(names))
         )
-        if len(names) > MAX_HELD_OUT_ALONE:
+        if len(names) > alone:
             shared = _whole_groups(units, targets, min(n_folds, len(names)))
             pairs = (pair for pair in shared if len(pair[1]))
         folds = []
@@ -205,9 +210,15 @@ def some_units(units: NDArray[np.object_], kinds: Sequence[I64], most: int, of_k
 
 
 def dive_weights(dives: I64) -> F64:
-    """A weight for each patch, so that all dives' patches add up to the same; 1 in the mean."""
+    """A weight for each patch, by what its dive holds; 1 in the mean.
+
+    A dive counts by the root of its patches, up to `FULL_DIVE`: three frames do not count as much
+    as sixty, and hundreds no more. Chosen with whole sites held out, against dives that all count
+    the same.
+    """
     _, dive, patches = np.unique(dives, return_inverse=True, return_counts=True)
-    return np.asarray(len(dives) / (len(patches) * patches[dive]), np.float64)
+    weights = (np.sqrt(np.minimum(patches, FULL_DIVE)) / patches)[dive]
+    return np.asarray(weights * (len(dives) / weights.sum()), np.float64)
 
 
 def sites_named(texts: Sequence[str], missions: Sequence[str]) -> dict[str, str]:

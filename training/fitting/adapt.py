@@ -16,6 +16,7 @@ from tokt.labels.page.suggestions.suggester import suggestions
 from tokt.labels.page.suggestions.suggestion_table import MissionSuggestions
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.registry import Registry, fitting
+from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import Fold
@@ -23,7 +24,7 @@ from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.parallel import mapped
 
 from .choose_operating_point import FalseStatusTarget
-from .classifier import decision_values, fit_rows, in_parts
+from .classifier import Tables, decision_values, fit_rows, in_parts
 from .cross_validation import Split
 from .presets import Hyperparameters, TrainingSettings
 from .train import Trained, TrainRequest
@@ -125,7 +126,8 @@ class _NewDive:
         known: KnownModel,
         request: TrainRequest,
         name: str,
-        tables: list[F64],
+        features: F64,
+        augmented: Tables,
         whole: WholeFrames | None,
     ) -> None:
         self.known, self.dataset = known, request.dataset
@@ -143,11 +145,11 @@ class _NewDive:
             same = np.isin(self.frames, numbers)
             unseen &= ~np.outer(same, same)
         self.unseen = unseen & self.testable
-        self._rest = known.settings, tables[1:], request.split.dives(self.patches)
-        self._features, self._whole = tables[0], whole
+        self._rest = known.settings, augmented, request.split.dives(self.patches)
+        self._features, self._whole = features, whole
         before = partial(in_parts, known.bundle.model.decision_values)
         prior = known.bundle.operating_point.water
-        self.before = self.scores(judged(before, tables[0], self.rows, whole, prior), self.rows)
+        self.before = self.scores(judged(before, features, self.rows, whole, prior), self.rows)
 
     def scores(self, values: F64, rows: I64) -> F64:
         """Obstacle scores of the dive's patches; NaN of those without a value."""
@@ -218,13 +220,14 @@ def adaptation(
     """
     data, spec = trained.request.dataset, known.bundle.extractor.spec
     moving = known.settings.moving_boundary
-    tables = [
-        cached_features(data, spec, cache, progress, jobs, None, name, moving and not name)
-        for name in ("", *known.settings.changes)
+    features = cached_features(data, spec, cache, progress, jobs, whole_frames=moving)
+    augmented = [
+        changed_patches(data, spec, change, cache, progress, jobs)
+        for change in known.settings.changes
     ]
-    whole = WholeFrames.of(data, tables[0]) if moving else None
+    whole = WholeFrames.of(data, features) if moving else None
     with ThreadpoolController().limit(limits=1):
-        dive = _NewDive(known, trained.request, name, tables, whole)
+        dive = _NewDive(known, trained.request, name, features, augmented, whole)
         orders, frames = _orders(dive, known.bundle, draws), len(dive.frames)
         counts = [count for count in COUNTS if count <= frames - max(1, frames // 3)]
         others = [frozenset(np.flatnonzero(row).tolist()) for row in dive.unseen.T]

@@ -1,4 +1,4 @@
-"""The classifier of a model: optional scaler and map, a LinearSVC, as scikit-learn has them."""
+"""The classifier of a model: optional scaler and map, and a linear model, by scikit-learn."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -8,17 +8,23 @@ import numpy as np
 from sklearn.base import TransformerMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.kernel_approximation import Nystroem
+from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 from sklearn.svm import LinearSVC
 
 from tokt.features.common.arrays import F64, I64
 from tokt.models.linear import LinearModel
+from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.splits import dive_weights
 
 from .presets import Hyperparameters, TrainingSettings
 
-Tables = Sequence[F64]
+Tables = Sequence[ChangedPatches]
+
+_LOGISTIC_WEIGHT = 1e5
+"""Of all patches together: at C = 1 a ridge of 1e-5 against their mean loss, chosen with whole
+sites held out."""
 
 _AT_ONCE = 1 << 15  # patches: 160 MB at 600 landmarks
 
@@ -36,7 +42,8 @@ def fit_rows(
 
     Of more than `settings.max_samples` some are drawn: half of them by class, so that a rare one is
     not lost. Each class, and of a dive what was drawn, then counts by as much as among all patches;
-    the mean weight stays 1, so that C acts as on so few.
+    the mean weight stays 1, so that C acts as on so few. Of augmented frames each dive counts
+    `settings.change_weight` times as much as of frames as they are, however many patches it has.
 
     Parameters
     ----------
@@ -46,28 +53,51 @@ def fit_rows(
         What to learn from.
     choice, settings
         As for `fit_classifier`.
-    augmented : sequence of arrays like `features`
-        The same patches on augmented frames.
+    augmented : sequence of ChangedPatches
+        Patches of augmented frames; learnt from are those whose source is among `rows`.
     dives : array of int, shape (n_patches,), optional
-        The dive of each patch, all of which then count the same; by default each patch does.
+        The dive of each patch, which then count as in `dive_weights`; by default each patch does.
     """
     own, landmarks = None if dives is None else dives[rows], None
     if own is not None and len(np.unique(own)) == 1:
         own = None
     parts = np.ones(len(rows)) if own is None else dive_weights(own)
     scaled = own is not None or len(rows) > settings.max_samples
+    changed = [_learnt(table, rows, own, parts, settings) for table in augmented]
+    all_rows = parts.sum()
     if len(rows) > settings.max_samples:
         if settings.landmarks:
             landmarks = features[rows[drawn(parts, settings.landmarks, settings.seed)]]
         kept, parts = _sample(targets[rows], own, parts, settings)
         rows = rows[kept]
-    tables = [table[rows] for table in (features, *augmented)]
-    known, parts = np.tile(targets[rows], len(tables)), np.tile(parts, len(tables))
-    weights = np.repeat([1.0] + [settings.change_weight] * len(augmented), len(rows)) * parts
+    tables, known, counted = [features[rows]], [targets[rows]], [parts]
+    for table, (at, share) in zip(augmented, changed, strict=True):
+        tables.append(table.features[at])
+        known.append(targets[table.source[at]])
+        counted.append(share * (parts.sum() / all_rows))
+    weights = [parts, *(settings.change_weight * part for part in counted[1:])]
     return fit_classifier(
-        *(np.concatenate(tables), known, choice, settings, weights),
-        *(parts if scaled else None, landmarks),
+        *(np.concatenate(tables), np.concatenate(known), choice, settings),
+        np.concatenate(weights),
+        *(np.concatenate(counted) if scaled else None, landmarks),
     )
+
+
+def _learnt(
+    table: ChangedPatches, rows: I64, dives: I64 | None, parts: F64, settings: TrainingSettings
+) -> tuple[I64, F64]:
+    """Rows of a table that come from `rows`, and how much each counts: a dive as much as there.
+
+    `dives` and `parts`, how much each counts, are of `rows`.
+    """
+    at = table.of(rows)
+    if len(at) > settings.max_samples:
+        rng = np.random.default_rng(settings.seed)
+        at = np.sort(rng.choice(at, settings.max_samples, replace=False))
+    dive = np.zeros(len(rows), np.int64) if dives is None else dives
+    own = dive[np.searchsorted(rows, table.source[at])]
+    patches = np.bincount(own, minlength=int(dive.max()) + 1)
+    return at, (np.bincount(dive, parts) / np.maximum(patches, 1))[own]
 
 
 def _sample(
@@ -95,11 +125,12 @@ def fit_classifier(
     scaled_by: F64 | None = None,
     landmarks: F64 | None = None,
 ) -> Pipeline:
-    """Fit scaler, map if there is one, and LinearSVC; deterministic for the same input.
+    """Fit scaler, map if there is one, and linear model; deterministic for the same input.
 
     Scaled features are solved in the primal, which converges to the same weights whatever the
-    seed. The thesis's unscaled ones are solved in the dual with its seed, as scikit-learn did in
-    2016, and need not converge; `converged` says whether they did.
+    seed. With the logistic loss weights add up to `_LOGISTIC_WEIGHT`, so that C acts the same on
+    many patches and on few. The thesis's unscaled features are solved in the dual with its seed, as
+    scikit-learn did in 2016, and need not converge; `converged` says whether they did.
 
     Parameters
     ----------
@@ -114,15 +145,20 @@ def fit_classifier(
     landmarks : array of float64, shape (n_landmarks, dim), optional
         Features of the map's landmarks; by default some of `features`, drawn by weight.
     """
-    svc = LinearSVC(
+    features = np.asarray(features)
+    parts = np.ones(len(features)) if weights is None else weights
+    linear: LinearSVC | LogisticRegression = LinearSVC(
         C=choice.penalty,
         class_weight=choice.class_weight,
         random_state=settings.seed,
         dual=not settings.scale,
         max_iter=5000,
     )
-    features = np.asarray(features)
-    parts = np.ones(len(features)) if weights is None else weights
+    if settings.logistic:
+        weights = parts * (_LOGISTIC_WEIGHT / parts.sum())
+        linear = LogisticRegression(
+            C=choice.penalty, class_weight=choice.class_weight, solver="newton-cholesky"
+        )
     if landmarks is None and settings.landmarks:
         landmarks = features[drawn(parts, settings.landmarks, settings.seed)]
     steps = [] if landmarks is None else _fitted_map(features, parts, landmarks, settings)
@@ -131,8 +167,8 @@ def fit_classifier(
     mapped = Pipeline(steps).transform(features) if steps else features
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        svc.fit(mapped, targets, sample_weight=weights)
-    return Pipeline([*steps, ("svc", svc)])
+        linear.fit(mapped, targets, sample_weight=weights)
+    return Pipeline([*steps, ("svc", linear)])
 
 
 def drawn(parts: F64, count: int, seed: int) -> I64:

@@ -20,6 +20,7 @@ from tokt.models.operating_point import MofNRule
 from tokt.models.water import WaterPrior
 from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion
 from tokt.training.datasets.splits import (
+    MAX_HELD_OUT_ALONE,
     MAX_JUDGED,
     Fold,
     blocked_folds,
@@ -50,6 +51,8 @@ from .presets import Hyperparameters, TrainingSettings
 from .whole_frames import WholeFrames, judged
 
 PATCH = "patch"
+MAX_CHOSEN_ALONE = 6
+"""Held out together inside a training part: choices need fewer folds than figures do."""
 SITES, DIVES, BLOCKS = "sites", "dives", "blocks of frames"
 
 
@@ -131,7 +134,8 @@ class Split:
         rows = np.arange(len(patches)) if to_choose else self.judged(patches, targets)
         patches, targets = patches.iloc[rows], targets[rows]
         if self.by == DIVE:
-            folds = dive_folds(patches, targets, self.sites, self.folds, refuse=not to_choose)
+            alone = MAX_CHOSEN_ALONE if to_choose else MAX_HELD_OUT_ALONE
+            folds = dive_folds(patches, targets, self.sites, self.folds, not to_choose, alone)
         folds = folds or blocked_folds(patches, targets, self.folds, self.embargo_frames)
         return [Fold(rows[fold.train], rows[fold.test]) for fold in folds]
 
@@ -217,7 +221,7 @@ def choose_hyperparameters(
         Columns mission, frame, group.
     features : array of float64, shape (n_patches, dim)
     targets : array of int, shape (n_patches,)
-    augmented : sequence of arrays like `features`
+    augmented : sequence of ChangedPatches
         Learnt from too, as in `fit_rows`; tested on is `features` alone.
     jobs : int
         Processes; -1 for one a core. The result does not depend on it.
@@ -331,7 +335,7 @@ def cross_validate(
         ``progress(items, total, what)`` passes the items through.
     target : FalseStatusTarget
         What the folds' frame rules are chosen for.
-    augmented : sequence of arrays like `features`
+    augmented : sequence of ChangedPatches
         Of the settings' augmentations; learnt from too, never tested on.
     stress : mapping of str to array like `features`, optional
         By augmentation to test on beside.
@@ -349,7 +353,7 @@ def cross_validate(
     """
     features = np.asarray(features)
     tables, whole = {"": features, **(stress or {})}, whole or {}
-    for table in (features, *augmented, *(stress or {}).values()):
+    for table in (features, *(one.features for one in augmented), *(stress or {}).values()):
         check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
     folds, dives = split.cut(patches, targets), split.dives(patches)

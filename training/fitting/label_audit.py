@@ -39,6 +39,7 @@ from tokt.features.common.errors import ToktError
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch
 from tokt.labels.record import utc_now
 from tokt.models.registry.registry import Registry, fitting
+from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import (
     FRAME_KEY,
     OBSTACLE,
@@ -178,10 +179,11 @@ def audit(
     dataset.check()
     folds = split.cut(dataset.patches, dataset.targets())
     spec = audited.extractor_spec
-    features, *augmented = (
-        cached_features(dataset, spec, cache, progress, jobs, augmentation=augmentation)
-        for augmentation in ("", *audited.settings.changes)
-    )
+    features = cached_features(dataset, spec, cache, progress, jobs)
+    augmented = [
+        changed_patches(dataset, spec, name, cache, progress, jobs)
+        for name in audited.settings.changes
+    ]
     check_features(dataset, features)
     with ThreadpoolController().limit(limits=1):
         passes = progress(folds, len(folds), "second pass")

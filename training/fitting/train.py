@@ -19,6 +19,7 @@ from tokt.models.bundle.bundle import frame_id
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, OperatingPoint
+from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 
@@ -29,7 +30,7 @@ from .choose_operating_point import (
     choose_frame_rule,
     shapes_on,
 )
-from .classifier import converged, decision_values, fit_classifier, fit_rows, linear_model
+from .classifier import Tables, converged, decision_values, fit_classifier, fit_rows, linear_model
 from .cross_validation import (
     BLOCKS,
     HeldOutPredictions,
@@ -130,32 +131,34 @@ def fit_and_measure(
         check_split(dataset, split)
         if dataset.block_frames is not None:
             shapes_on(dataset.grid, request.target)
-    wanted = dict.fromkeys(("", *settings.changes, *stress))
     spec = request.extractor.spec
     computed = dataset, spec, cache, progress, jobs, dask
     moves = settings.moving_boundary and dataset.block_frames is not None
     judged = ("", *stress) if moves else ()
-    tables = {name: cached_features(*computed, name, name in judged) for name in wanted}
+    tables = {name: cached_features(*computed, name, name in judged) for name in ("", *stress)}
     whole = {name: WholeFrames.of(dataset, tables[name]) for name in judged}
     tables = {name: table[: len(dataset.patches)] for name, table in tables.items()}
+    changed = [
+        changed_patches(dataset, spec, name, cache, progress, jobs, dask)
+        for name in settings.changes
+    ]
     # One thread, so that sums are added up in the same order on every machine.
     with ThreadpoolController().limit(limits=1):
         if settings.two_images:
             return _train_on_two_images(request, tables, stress)
-        return _train_on_dataset(request, tables, whole, stress, progress, jobs)
+        return _train_on_dataset(request, tables, changed, whole, progress, jobs)
 
 
 def _train_on_dataset(
     request: TrainRequest,
     tables: dict[str, F64],
+    augmented: Tables,
     whole: dict[str, WholeFrames],
-    stress: tuple[str, ...],
     progress: Callable[..., Any],
     jobs: int,
 ) -> Trained:
     dataset, settings, split = request.dataset, request.settings, request.split
-    features, augmented = tables[""], [tables[name] for name in settings.changes]
-    stressed = {name: tables[name] for name in stress}
+    features, stressed = tables[""], {name: table for name, table in tables.items() if name}
     targets = dataset.targets()
     held_out = cross_validate(
         *(dataset, features, settings, split, progress, request.target),
@@ -216,7 +219,7 @@ def _folds_in_words(request: TrainRequest) -> str:
             f"figures may be too good.{_changes(request.settings)}{_drawn(request)}"
         )
     weighed = split.dives(request.dataset.patches) is not None
-    weights = " Every dive counts the same in learning." if weighed else ""
+    weights = " A dive counts by the root of its patches in learning." if weighed else ""
     rest = f"{_DECIDED}{weights}{_changes(request.settings)}{_drawn(request)}"
     candidates = f"{_candidates(request.settings)} chosen inside each training part"
     unit = split.unit(request.dataset.patches)

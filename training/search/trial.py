@@ -9,6 +9,7 @@ from pathlib import Path
 from tokt.features.common.arrays import I64
 from tokt.features.common.errors import ToktError
 from tokt.labels.formats.options import no_progress
+from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.fitting.cross_validation import BLOCKS, Split, cross_validate
@@ -49,14 +50,16 @@ def run_task(task: TrialTask) -> TrialOutcome:
     began = time.monotonic()
     dataset, split = _dataset(task.dataset), task.split
     try:
-        features, *augmented = (
-            cached_features(dataset, task.trial.spec, task.cache, no_progress, 1, augmentation=name)
-            for name in ("", *task.settings.changes)
-        )
+        asked = dataset, task.trial.spec
+        features = cached_features(*asked, task.cache, no_progress, 1)
+        augmented = [
+            changed_patches(*asked, name, task.cache, no_progress, 1)
+            for name in task.settings.changes
+        ]
         if task.outer_fold is not None:
             rows = split.cut(dataset.patches, dataset.targets())[task.outer_fold].train
             dataset, features = part_of(dataset, rows), features[rows]
-            augmented = [table[rows] for table in augmented]
+            augmented = [table.part(rows) for table in augmented]
             split = split.inner
         held_out = cross_validate(
             dataset, features, task.settings, split, no_progress, augmented=augmented

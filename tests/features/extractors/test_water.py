@@ -12,10 +12,11 @@ from skimage.color import rgb2lab
 
 from tests.calls import refuses
 from tests.tiers import scaled
+from tokt.features.extractors.cielab import lab_of
 from tokt.features.extractors.extractor import build_extractor, extractor_named
 from tokt.features.extractors.frame_pictures import FramePictures
-from tokt.features.extractors.textures import Context
-from tokt.features.extractors.water import Colour, Gradients, PatchPlace, Relative, lab_of
+from tokt.features.extractors.textures import Context, Join
+from tokt.features.extractors.water import Colour, Gradients, PatchPlace, Relative, WaterContrast
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 
 GRID = Grid(4, 5, 180)
@@ -107,7 +108,7 @@ GRAY = sea()[:, :, 0]
 
 
 @pytest.mark.parametrize(
-    "extractor", [Colour(9), WATER, Context(WATER, "mean"), extractor_named("water")]
+    "extractor", [Colour(9), WATER, Context(WATER, "mean"), WaterContrast(WATER.parts, 0.3, 9)]
 )
 def test_a_gray_frame_has_no_colour(extractor):
     assert extractor.needs_colour
@@ -118,6 +119,70 @@ def test_a_gray_frame_has_no_colour(extractor):
     assert np.isfinite(extractor.describe(almost, GRID)).all()
 
 
+CONTRAST = WaterContrast([Gradients((1, 5)), Colour(9, gray=True)], 0.3, 9)
+
+
+def features_of(prefix, frame, grid=GRID, extractor=CONTRAST):
+    """Those of an extractor whose names begin so, (rows, cols, n)."""
+    kept = [index for index, name in enumerate(extractor.names) if name.startswith(prefix)]
+    return extractor.describe(frame, grid)[:, kept].reshape(grid.rows, grid.cols, -1)
+
+
+def test_contrast_has_the_neighbours_and_the_place_beside_what_differs_from_the_water():
+    frame = with_post(sea())
+    joined = Join([Context(Relative(WATER.parts, 0.3), "mean"), PatchPlace()])
+    found = CONTRAST.describe(frame, GRID)
+    assert CONTRAST.names[: joined.dim] == joined.names
+    assert np.array_equal(found[:, : joined.dim], joined.describe(frame, GRID))
+    assert build_extractor(CONTRAST.spec).spec == CONTRAST.spec
+    assert len(CONTRAST.names) == CONTRAST.dim == found.shape[1]
+
+
+def test_a_smooth_field_of_light_is_no_obstacle_and_a_post_is_off_it():
+    y, x = np.mgrid[-1:1:300j, -1:1:400j][..., None]
+    lamp = 1.1 - 0.3 * (x**2 + y**2) + 0.1 * x
+    water = np.clip(np.rint(sea(height=300) * lamp), 0, 255).astype(np.uint8)
+    level = features_of("relative.colour_lightness", water)
+    off = features_of("field_distance", water)
+    assert np.ptp(level) > 3 * np.ptp(off)
+    posted = features_of("field_distance", with_post(water)).ravel()
+    assert posted[POST].min() > 3 * np.delete(posted, POST).max()
+
+
+def test_cells_tell_the_shape_of_colour_and_not_its_slope():
+    slope, shape = (features_of(f"cells_{kind}", sea()) for kind in ("off_plane", "spread"))
+    assert slope.shape == shape.shape == (4, 5, 3)
+    tilted = np.linspace(60, 200, 400)[None, :, None] * np.ones((300, 1, 3))
+    tilted = tilted.astype(np.uint8)
+    assert features_of("cells_spread_lightness", tilted).min() > 0
+    assert features_of("cells_off_plane_lightness", tilted).max() < -1
+    post = features_of("cells_off_plane_a", with_post(sea())).ravel()
+    bar = sea()
+    bar[80:145, 190:200] = (40, 50, 150)
+    assert features_of("cells_off_plane_a", bar)[1, 2, 0] > 2 + post[0]
+
+
+def test_all_patches_know_how_quiet_their_frame_is():
+    for frame in (sea(), with_post(sea())):
+        found = features_of("frame_", frame)
+        assert (found == found[0, 0]).all() and found.shape[2] == 3 * 8
+    rough = np.random.default_rng(0).integers(0, 255, (300, 400, 3), np.uint8)
+    assert (features_of("frame_low", rough)[0, 0] > features_of("frame_low", sea())[0, 0]).all()
+
+
+def test_gray_frames_are_frames_without_colour_where_that_is_allowed():
+    for extractor in (CONTRAST, extractor_named("water")):
+        assert not extractor.needs_colour
+        gray, merged = (extractor.describe(frame, GRID) for frame in (GRAY, cv2.merge([GRAY] * 3)))
+        np.testing.assert_array_equal(gray, merged)
+        names = [index for index, name in enumerate(extractor.names) if name.endswith("colour_a")]
+        assert np.abs(gray[:, names]).max() < 1e-5
+    for wrong in (False, 1, "yes"):
+        refuses("gray is true", build_extractor, {**Colour(9, gray=True).spec, "gray": wrong})
+    for cells in (0, 4, 33, 9.0, True):
+        refuses("multiple of 3", build_extractor, {**CONTRAST.spec, "cells": cells})
+
+
 @pytest.mark.parametrize(
     ("grid", "size"),
     [*product([Grid(1, 1, None), Grid(2, 2, 8)], [(7, 9), (8, 8)]), (DEFAULT_GRID, (31, 40))],
@@ -126,6 +191,8 @@ def test_frames_of_fewer_pixels_than_cells(grid, size):
     frame = np.random.default_rng(2).integers(0, 255, (*size, 3), np.uint8)
     found = Context(WATER, "mean").describe(frame, grid)
     assert found.shape == (grid.n_patches, 26) and np.isfinite(found).all()
+    found = CONTRAST.describe(frame, grid)
+    assert found.shape == (grid.n_patches, CONTRAST.dim) and np.isfinite(found).all()
 
 
 def spec(name, **options):

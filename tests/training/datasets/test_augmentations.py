@@ -13,6 +13,7 @@ from tests.calls import refuses
 from tests.fixtures import quiet
 from tokt.features.extractors.extractor import extractor_named
 from tokt.training.datasets.augmentations import STRESS, augment
+from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.fitting.cross_validation import Split, cross_validate
@@ -60,7 +61,8 @@ def test_training_parts_are_learnt_from_changed_too_and_tests_are_plain(fabricat
     plain = np.column_stack([number, number % 2])
     other = plain + np.array([1000.0, 0])
     asked = (made, plain, replace(PLAIN, change_weight=0.25), split, quiet)
-    held_out = cross_validate(*asked, augmented=[other], stress={"x": other})
+    augmented = [ChangedPatches(other, np.arange(60))]
+    held_out = cross_validate(*asked, augmented=augmented, stress={"x": other})
     for index, fold in enumerate(split.cut(made.patches, targets)):
         assert np.flatnonzero(held_out.fold == index).tolist() == fold.test.tolist()
         both = np.vstack([plain[fold.train], other[fold.train]])

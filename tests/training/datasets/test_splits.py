@@ -10,6 +10,7 @@ from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.training.datasets.splits import (
+    FULL_DIVE,
     block_of,
     blocked_folds,
     dive_folds,
@@ -98,13 +99,15 @@ def test_no_dive_or_site_is_on_both_sides(data):
         assert set(targets[fold.train]) == set(targets)
 
 
-def test_more_dives_than_ten_are_held_out_several_at_a_time():
-    dives = [f"dive_{n:02d}" for n in range(12) for _ in range(4)]
-    table = pd.DataFrame({"mission": dives, "frame": range(48), "group": dives})
-    targets = np.arange(48) % 2
+def test_more_dives_than_can_be_alone_are_held_out_several_at_a_time():
+    dives = [f"dive_{n:02d}" for n in range(18) for _ in range(4)]
+    table = pd.DataFrame({"mission": dives, "frame": range(72), "group": dives})
+    targets = np.arange(72) % 2
     folds = dive_folds(table, targets, {}, 5)
-    assert len(folds) == 5 and {len(set(table.mission[f.test])) for f in folds} == {2, 3}
-    assert len(dive_folds(table[:40], targets[:40], {}, 5)) == 10
+    assert len(folds) == 5 and {len(set(table.mission[f.test])) for f in folds} == {3, 4}
+    assert len(dive_folds(table[:64], targets[:64], {}, 5)) == 16
+    assert len(dive_folds(table[:28], targets[:28], {}, 5, alone=6)) == 5
+    assert len(dive_folds(table[:24], targets[:24], {}, 5, alone=6)) == 6
 
 
 def test_dives_that_share_a_picture_have_one_name():
@@ -122,9 +125,12 @@ def test_sites_are_told_by_name():
     refuses("mission a is in two sites, s and t", sites_named, ["s=a", "t=a"], ["a", "b"])
 
 
-def test_dives_weigh_the_same_and_a_patch_one_in_the_mean():
-    weights = dive_weights(np.array(list("aaab")))
-    assert weights.tolist() == pytest.approx([2 / 3] * 3 + [2]) and weights.mean() == 1
+def test_a_dive_weighs_by_the_root_of_its_patches_and_a_patch_one_in_the_mean():
+    weights = dive_weights(np.array(list("aaaab")))
+    assert weights.tolist() == pytest.approx([5 / 6] * 4 + [5 / 3]) and weights.mean() == 1
+    dives = np.repeat([0, 1, 2], [FULL_DIVE // 4, FULL_DIVE, 5 * FULL_DIVE])
+    sums = np.bincount(dives, dive_weights(dives))
+    assert sums[1:] / sums[0] == pytest.approx([2, 2]), "a long dive counts no more than a full one"
 
 
 def regular(frames, block, period=2):

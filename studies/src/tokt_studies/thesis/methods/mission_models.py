@@ -23,6 +23,7 @@ from tokt.inference.texture.detector import MofNRun, min_mask_patches
 from tokt.inference.verdict import UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.operating_point import MofNRule, frame_step, missed_before
+from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.dataset import DatasetVersion, write_dataset
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
@@ -122,7 +123,8 @@ def _learn(
     settings: presets.TrainingSettings,
 ) -> Learnt:
     """Judge frames by models of the folds' training parts."""
-    table, *augmented = _tables(dataset, features, 1 + len(settings.changes))
+    table, *others = _tables(dataset, features, 1 + len(settings.changes))
+    augmented = [ChangedPatches(other, np.arange(len(other))) for other in others]
     check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
