@@ -43,7 +43,7 @@ class WaterPrior:
     # Chosen with whole sites held out, for values that are logarithms of odds.
     limit: float = 2.0  # how far the boundary moves from 0 at most, 0.01 to 10
     frames: int = 5  # how many of the last frames it is found from, the newest among them
-    weight: float = 2.0  # patches that the means and the share count as
+    weight: float = 0.5  # patches that the means and the share count as
     sd_weight: float = 100.0  # and the standard deviations
     rounds: int = 30  # of EM; it is slow where obstacles are faint
 
