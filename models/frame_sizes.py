@@ -2,7 +2,8 @@
 
 Frames are brought to the width of the model's grid, and the grid's patches cover the whole frame
 whatever its shape. Measured with whole sites held out (docs/explanation/waters.md): frames of
-shapes from 9:16 to 2432x954 that no training frame had were judged as well as those of 4:3.
+shapes from 9:16 to 2432x954 that no training frame had were judged as well as those of 4:3. The
+training frames' own size turned by 90 degrees is left out: it is that camera, mounted otherwise.
 """
 
 from collections.abc import Sequence
@@ -24,6 +25,8 @@ def size_fault(height: int, width: int, learnt: Sequence[Size]) -> str:
     """
     if (height, width) in learnt:
         return ""
+    if (width, height) in learnt and len({tall > wide for tall, wide in learnt}) == 1:
+        return f"frames are {width}x{height}: those that the model learnt from, turned by a quarter"
     aspect = width / height
     if MIN_ASPECT <= aspect <= MAX_ASPECT and width >= MIN_WIDTH:
         return ""

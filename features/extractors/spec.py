@@ -216,7 +216,7 @@ def _texture(part: Mapping[str, Any]) -> str:
             more = (
                 "; neighbours, colour off a smooth field and off a plane, the frame's own energies"
             )
-            return less + more * (part["name"] == "water_contrast")
+            return f"{less}{more}" if part["name"] == "water_contrast" else less
     return _FIXED_WORDS.get(str(part.get("name"))) or json.dumps(dict(part), sort_keys=True)
 
 

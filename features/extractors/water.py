@@ -182,8 +182,6 @@ class WaterContrast(Extractor):
         Of a patch, down and across, of which colours are taken; a multiple of 3.
     """
 
-    images = ()
-
     def __init__(self, parts: Sequence[Extractor], quietest: float, cells: int) -> None:
         self._water = Relative(parts, quietest)
         self.quietest, self.cells = quietest, cells

@@ -144,15 +144,14 @@ class TextureDetector:
             )
         # First what needs no look at the pixels: a picture of another shape may have no resize.
         fault = shape_fault(frame.left)
-        words = size_fault(*frame.left.shape[:2], self.scorer.frame_sizes)
-        if not fault and words:
-            fault = Fault(Reason.WRONG_SIZE, words)
         if fault:
             return self._unjudged(fault)
+        height, width = frame.left.shape[:2]
+        if words := size_fault(height, width, self.scorer.frame_sizes):
+            return self._unjudged(Fault(Reason.WRONG_SIZE, words))
         grid = self.scorer.grid
         # Resized once, for the check and for the features: it costs as much as these.
         pictures = FramePictures(frame.left, grid, threads=self.threads)
-        width = frame.left.shape[1]
         # The small gray picture serves the features, too.
         as_wide = grid.width == detail_grid(width).width
         sight = self._sight.of(frame, gray16=pictures.gray16 if as_wide else None)

@@ -271,7 +271,7 @@ class WaterFeatures(_PatchTransformer):
     Parameters
     ----------
     colour : bool
-        Whether colour is looked at; gray frames are refused then.
+        Whether colour is looked at; gray frames are frames without colour then.
     quietest : float
         Part of a frame's patches that stands for its water, above 0, at most 1.
     """
@@ -283,7 +283,8 @@ class WaterFeatures(_PatchTransformer):
     def _spec(self) -> Mapping[str, Any]:
         spec = extractor_named("water" if self.colour else "water_gray").spec
         given: Any = self.quietest
-        spec["parts"][0]["part"]["quietest"] = float(given) if isinstance(given, Real) else given
+        taking = spec if self.colour else spec["parts"][0]["part"]
+        taking["quietest"] = float(given) if isinstance(given, Real) else given
         return spec
 
 
@@ -314,7 +315,7 @@ class DiveSplit(BaseCrossValidator):  # type: ignore[misc]
     Parameters
     ----------
     n_splits : int
-        Folds of blocks, or of more than ten dives; fewer dives are held out one by one.
+        Folds of blocks, or of more than sixteen dives; fewer dives are held out one by one.
     embargo_frames : int
         Training patches so near to a test frame of their dive, or nearer, are left out.
     by : {"dive", "block"}, optional

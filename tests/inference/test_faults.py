@@ -119,7 +119,10 @@ FRAMES: dict[str, tuple[Reason, Callable[[], np.ndarray] | None]] = {
         Reason.DAMAGED,
         lambda: with_band(90, 120, None),
     ),
-    "a frame of another size": (Reason.WRONG_SIZE, lambda: noise(60, 9)[:200, :200]),
+    "a frame under 240 pixels wide, or of no camera's shape": (
+        Reason.WRONG_SIZE,
+        lambda: noise(60, 9)[:200, :200],
+    ),
     "an array that is no picture": (Reason.WRONG_SIZE, lambda: noise(60, 9)[:, :, None]),
     "no such frame": (Reason.MISSING, None),
     "a file that cannot be decoded": (Reason.UNREADABLE, None),

@@ -56,7 +56,7 @@ def test_its_models_are_exported_as_they_were(old, number):
                 np.testing.assert_array_equal(then[each], now[each])
     one, two = (json.loads(found["manifest.json"]) for found in (before, after))
     assert {key for key in one | two if one.get(key) != two.get(key)} == {
-        *("format_version", "manifest_sha256", "members", "sight"),
+        *("format_version", "frame_sizes", "manifest_sha256", "members", "sight"),
         *(("signed_by",) if "signed_by" in one else ()),
     }
 

@@ -151,12 +151,12 @@ def _soft(light: F32, rng: np.random.Generator) -> F32:
 def _noise(light: F32, rng: np.random.Generator) -> F32:
     """A sensor's noise, of single pixels or smeared as a mosaic or denoising leaves it."""
     spread = np.exp(rng.uniform(np.log(0.6), np.log(7)))
-    noise = rng.normal(0, spread, (*light.shape[:2], 1)) + rng.normal(0, spread / 2, light.shape)
-    noise = noise.astype(np.float32)
+    both = rng.normal(0, spread, (*light.shape[:2], 1)) + rng.normal(0, spread / 2, light.shape)
+    noise = both.astype(np.float32)
     if rng.random() < 0.5:  # of photons: by the root of the level, as it is at level 100
         noise *= np.sqrt(np.clip(light.mean(axis=2, keepdims=True), 1, 255) / 100)
     if rng.random() < 0.5:
-        noise = 1.8 * cv2.GaussianBlur(noise, (0, 0), rng.uniform(0.5, 1.2))
+        noise = np.float32(1.8) * cv2.GaussianBlur(noise, (0, 0), rng.uniform(0.5, 1.2))
     return np.asarray(light + noise, np.float32)
 
 

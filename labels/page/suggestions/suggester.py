@@ -128,7 +128,8 @@ class Suggester:
         features = None
         try:
             image = covered_frame(mission, self._masks, camera, frame)
-            found = no_suggestions(size_fault(*image.shape[:2], self.bundle.frame_sizes))
+            height, width = image.shape[:2]
+            found = no_suggestions(size_fault(height, width, self.bundle.frame_sizes))
             if not found.fault:
                 grid, size = self.bundle.grid, image.shape[:2]
                 features = self.bundle.extractor.describe(image, grid)

@@ -159,10 +159,11 @@ def test_a_run_at_sea(ship):
     words = "back with the last good copy; health says that the active one is refused"
     hold_row("the bundle is damaged on disk, then SIGKILL", words, "restarts +1")
 
-    frame = np.kron(draw([(4, 5)]), np.ones((2, 2), np.uint8))
+    # Those before are of 360x271; this one is made for a camera whose pictures are turned.
+    frame = np.ascontiguousarray(np.rot90(draw([(4, 5)])))
     values = ship.first.decision_values(frame)
     golden = golden_of([frame], [values], [ship.first.model.obstacle_patches(values)])
-    other = replace(ship.first.content, version="of another camera", golden=golden)
+    other = replace(ship.first.content, version="turned", golden=golden, frame_sizes=())
     ship.store.deploy(bundle_from_bytes(bundle_bytes(other), "other"))
     while "it cannot judge the newest frame: frames are 360x271" not in ship.words():
         assert ship.next()["model"] in ("noise/7", None)

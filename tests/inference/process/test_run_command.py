@@ -13,6 +13,7 @@ from tests.inference.logged_runs import lines
 from tests.inference.policy import named_object
 from tests.models.conftest import small_content
 from tests.waiting import MAX_S, until
+from tokt.features.extractors.water import Colour
 from tokt.inference.outputs.udp import decode
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.store.store import Store
@@ -135,7 +136,9 @@ def test_a_file_s_run_under_a_watchdog_is_that_of_its_command_line(
 def test_a_model_that_looks_at_colours_is_refused_where_the_source_says_gray(
     make_mission, tmp_path
 ):
-    content = small_content(extractor="water", channels=(3,))
+    file = tmp_path / "colour.json"
+    file.write_text(json.dumps(Colour(9).spec))
+    content = small_content(extractor=f"spec:{file}", channels=(3,))
     (tmp_path / "colour.tokt").write_bytes(bundle_bytes(content))
     asked = ["run", "--source", make_mission([[]]), "--bundle", tmp_path / "colour.tokt"]
     words = "model small/0 looks at colours: not with --pixel-format Mono8\n"

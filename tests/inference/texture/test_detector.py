@@ -48,6 +48,14 @@ def test_frames_of_other_sizes_are_judged_within_bounds(noise_scorer, width, hei
     assert found.fault.startswith("" if judged else start) and bool(found.fault) != judged
 
 
+def test_a_camera_that_is_turned_is_unknown_unless_both_ways_were_learnt(noise_scorer):
+    frame = Frame(1, 0.0, noisy(60, 9, 1360, 1024), None)
+    noise_scorer.frame_sizes = ((1024, 1360), (480, 640))
+    assert "turned by a quarter" in TextureDetector(noise_scorer).detect(frame).fault
+    noise_scorer.frame_sizes = ((1024, 1360), (640, 480))
+    assert TextureDetector(noise_scorer).detect(frame).fault == ""
+
+
 def test_a_frame_of_a_size_without_sight_is_told_where_another_size_has_it(noise_scorer):
     """As of a model that learnt from pictures and from compressed video."""
     (sharp,) = SEES_ALL

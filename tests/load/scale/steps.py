@@ -88,7 +88,7 @@ class Steps:
         rows, table = np.arange(len(data.patches)), self._table(1, "cache")
         dives = Split.of(data, FOLDS, EMBARGO_FRAMES).dives(data.patches)
         made = fit_rows(table, data.targets(), rows, choice, _SETTINGS, (), dives)
-        return {"penalty": choice.penalty, "solver_steps": int(made["svc"].n_iter_)}
+        return {"penalty": choice.penalty, "solver_steps": int(np.max(made["svc"].n_iter_))}
 
     def training(self) -> dict[str, Any]:
         """All that `tokt train` does once there are features, but for MLflow's record."""

@@ -212,7 +212,7 @@ def test_models_of_several_dives_are_held_out_and_compared_by_dive(two_dives, to
         assert [one["f1"] for one in model["cv"]["dives"].values()] == by_fold
         assert model["cv"]["over_dives"]["f1"] == pytest.approx(np.mean(by_fold))
         assert "2-fold cross-validation over whole dives" in model["cv"]["split"]
-        assert "Every dive counts the same" in model["cv"]["split"]
+        assert "A dive counts by the root of its patches" in model["cv"]["split"]
         logged = mlflow.MlflowClient(f"sqlite:///{workspace}/mlflow.db").get_run(model["run_id"])
         assert logged.data.params["split_by"] == logged.data.params["split_weight"] == "dive"
         assert logged.data.metrics["cv_dive_f1_tiny"] == by_fold[1]

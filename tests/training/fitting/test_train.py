@@ -27,7 +27,7 @@ from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import Fold, blocked_folds
+from tokt.training.datasets.splits import FULL_DIVE, Fold, blocked_folds
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting import classifier, cross_validation
 from tokt.training.fitting.classifier import decision_values, fit_classifier, fit_rows, linear_model
@@ -292,17 +292,17 @@ def test_a_dive_that_alone_keeps_a_class_is_not_chosen_on(fabricate):
     assert tested.all()
 
 
-def test_each_dive_counts_the_same_in_learning(dives):
-    """Against the dives' patches repeated until there are as many of each (C shared out)."""
+def test_a_dive_counts_by_the_root_of_its_patches_in_learning(dives):
+    """Against a fit whose patches have weights by hand."""
     rng = np.random.default_rng(1)
     truth, mission = dives.targets(), dives.patches.mission.to_numpy()
     features = np.column_stack([truth + rng.normal(0, 0.7, 280), rng.normal(3, 2, (280, 2))])
     choice, rows = Hyperparameters(0.1), np.arange(280)
-    times = pd.Series(mission).map({"a": 30, "b": 20, "c": 15, "d": 12}).to_numpy()
-    repeated = rows.repeat(times)
-    scaler = StandardScaler().fit(features[repeated])
-    svc = LinearSVC(C=0.1 * 280 / len(repeated), random_state=42, dual=False, tol=1e-9)
-    svc.fit(scaler.transform(features[repeated]), truth[repeated])
+    each = pd.Series(mission).map({"a": 40, "b": 60, "c": 80, "d": 100}).to_numpy() ** -0.5
+    each *= 280 / each.sum()
+    scaler = StandardScaler().fit(features, sample_weight=each)
+    svc = LinearSVC(C=0.1, random_state=42, dual=False, tol=1e-9)
+    svc.fit(scaler.transform(features), truth, sample_weight=each)
     made = fit_rows(features, truth, rows, choice, PLAIN, (), mission)
     assert np.allclose(made["scaler"].mean_, scaler.mean_)
     assert np.allclose(made["svc"].coef_, svc.coef_, atol=1e-4)
@@ -544,7 +544,8 @@ def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
     expected = pd.Series(every).groupby([dives, targets]).sum() / every.sum()
     expected = expected[share.index] / expected[share.index].sum()
     np.testing.assert_allclose(share, expected, rtol=1e-9)
-    assert np.allclose(share.groupby(level=0).sum(), 1 / 3, atol=0.01)
+    roots = np.sqrt(np.minimum([24_000, 5_700, 300], FULL_DIVE))
+    assert np.allclose(share.groupby(level=0).sum(), roots / roots.sum(), atol=0.01)
     # Short of patches of a class in most dives, the class counts as much as before.
     many = np.repeat(np.arange(3_000), 10)
     fit_rows(features, *asked, replace(settings, max_samples=1_000), (), many)
