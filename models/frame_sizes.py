@@ -2,8 +2,9 @@
 
 Frames are brought to the width of the model's grid, and the grid's patches cover the whole frame
 whatever its shape. Measured with whole sites held out (docs/explanation/waters.md): frames of
-shapes from 9:16 to 2432x954 that no training frame had were judged as well as those of 4:3. The
-training frames' own size turned by 90 degrees is left out: it is that camera, mounted otherwise.
+shapes from 9:16 to 2432x954 (2.55:1) that no training frame had were judged as well as those of
+4:3. The training frames' own size turned by 90 degrees is left out: it is that camera, mounted
+otherwise.
 """
 
 from collections.abc import Sequence

@@ -23,6 +23,7 @@ FILLED = 0.5
 """Part of a frame's patches above 0 from which on the boundary does not rise above all of them."""
 _STEP = 0.01
 """What the boundary is rounded to, so that last digits of a machine's logarithms do not show."""
+_MOST_ROUNDS = 100  # in each frame: some 2 ms
 _MIN_SD = 0.05
 _SD_OF_MAD = 1.4826  # a normal distribution's standard deviation over its median absolute deviation
 _MAX = 1e6
@@ -57,8 +58,8 @@ class WaterPrior:
         bounded = 0.01 <= self.limit <= 10 and min(self.weight, self.sd_weight) > 0
         if not (self.water < self.obstacle and sds >= _MIN_SD and 0 < self.share < 1):
             raise ToktError("a water's prior tells two normal distributions apart")
-        if not (bounded and 1 <= self.frames <= 60):
-            raise ToktError("a water's prior has positive bounds, and 1 to 60 frames")
+        if not (bounded and 1 <= self.frames <= 60 and 1 <= self.rounds <= _MOST_ROUNDS):
+            raise ToktError("a water's prior has positive bounds, 1 to 60 frames, 1 to 100 rounds")
 
     @classmethod
     def of(cls, scores: F64, obstacle: Bools, dive: NDArray[Any]) -> WaterPrior | None:

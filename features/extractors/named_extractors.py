@@ -20,8 +20,6 @@ _STROKES = Quantization(gain=24, smooth=3, window=31, by=FRAME)
 
 _SHAPES = Lbp(8, 13, "frame", _PATTERNS, NEAREST)
 _FINE_LINES = Lines((2, 4), replace(_STROKES, smooth=1))
-
-
 _GRADIENTS = Gradients((1, 3, 5, 9))
 NAMED: dict[str, Extractor] = {
     "lbp": Lbp(10, 5, "patch"),

@@ -113,10 +113,14 @@ class PatchPlace(Extractor):
 
 
 @lru_cache(maxsize=4)
-def _places(grid: Grid) -> F64:
+def _from_middle(grid: Grid) -> tuple[F64, F64]:
+    """How far each patch is below and right of the middle: -1/2 to 1/2, (n_patches,) each."""
     row, col = np.divmod(np.arange(grid.n_patches), grid.cols)
-    down = row / max(grid.rows - 1, 1) - 0.5
-    right = col / max(grid.cols - 1, 1) - 0.5
+    return row / max(grid.rows - 1, 1) - 0.5, col / max(grid.cols - 1, 1) - 0.5
+
+
+def _places(grid: Grid) -> F64:
+    down, right = _from_middle(grid)
     return np.stack([down, np.abs(right)], axis=1)
 
 
@@ -138,21 +142,19 @@ class Relative(Join):
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """The parts' features, in order, each less its median over the quietest patches."""
-        return self.less_water(super().describe_pictures(pictures))
+        features = super().describe_pictures(pictures)
+        return _less_water(features, features[:, self._energies].mean(axis=1), self.quietest)
 
-    def less_water(self, features: F64) -> F64:
-        """The parts' features, (n_patches, dim), less their median over the quietest patches."""
-        energy = features[:, self._energies].mean(axis=1)
-        quiet = np.argsort(energy, kind="stable")[: max(1, round(self.quietest * len(energy)))]
-        return features - np.median(features[quiet], axis=0)
+
+def _less_water(features: F64, energy: F64, quietest: float) -> F64:
+    """Features, (n_patches, dim), less their median over so large a part of least energy."""
+    quiet = np.argsort(energy, kind="stable")[: max(1, round(quietest * len(energy)))]
+    return features - np.median(features[quiet], axis=0)
 
 
 _CELLS = 3  # parts of a patch, down and across, in which its colour is compared with a plane
-_NO_CHANGE = (
-    0.05  # units of Lab that count as no change of colour: of less a logarithm says nothing
-)
-_BASIS = 6  # functions of the place: constant, two slopes, and curvature in three directions
-_ROUNDS = 4  # of the robust fit: on held-out sites as good as 20
+_NO_CHANGE = 0.05  # units of Lab that count as no change: of less a logarithm says nothing
+_ROUNDS = 4  # of the robust fit
 _RIDGE = 1e-2 * np.diag([0.0, 1, 1, 3, 3, 3])  # so that few quiet patches give a flat field
 _FRAME_PARTS = (0.1, 0.5, 0.9)  # quantiles over a frame's patches
 
@@ -183,16 +185,15 @@ class WaterContrast(Extractor):
     """
 
     def __init__(self, parts: Sequence[Extractor], quietest: float, cells: int) -> None:
-        self._water = Relative(parts, quietest)
+        self._parts = Join(parts)
         self.quietest, self.cells = quietest, cells
-        self.images = self._water.images
-        self.needs_colour = self._water.needs_colour
-        plain = Join(parts)
-        self._energies = np.array(plain.energies, bool)
-        energies = [name for name, flag in zip(plain.names, plain.energies, strict=True) if flag]
+        self.images = self._parts.images
+        self.needs_colour = self._parts.needs_colour
+        self._energies = np.array(self._parts.energies, bool)
+        energies = np.array(self._parts.names)[self._energies].tolist()
         channels = ("lightness", "a", "b")
         self.names = (
-            *Context(self._water, "mean").names,
+            *Context(Relative(parts, quietest), "mean").names,
             *PatchPlace.names,
             *(f"field_{name}" for name in (*channels, "distance")),
             *(f"cells_{kind}_{name}" for kind in ("off_plane", "spread") for name in channels),
@@ -210,14 +211,15 @@ class WaterContrast(Extractor):
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch."""
         grid = pictures.grid
-        features = Join.describe_pictures(self._water, pictures)
+        features = self._parts.describe_pictures(pictures)
         energies = features[:, self._energies]
-        relative = self._water.less_water(features)
+        energy = energies.mean(axis=1)
+        relative = _less_water(features, energy, self.quietest)
         colours = pictures.colours(self.cells)
         finer = self.cells // _CELLS
         parts = colours.reshape(grid.rows, _CELLS, finer, grid.cols, _CELLS, finer, 3)
         cells = parts.mean(axis=(2, 5)).transpose(0, 2, 1, 3, 4).reshape(grid.n_patches, -1, 3)
-        field = off_field(cells.mean(axis=1), energies.mean(axis=1), grid)
+        field = off_field(cells.mean(axis=1), energy, grid)
         low, *higher = np.quantile(energies, _FRAME_PARTS, axis=0)
         frame = np.concatenate([low, *(one - low for one in higher)])
         return np.hstack(
@@ -243,10 +245,8 @@ _OFF_PLANE = _off_plane()
 
 @lru_cache(maxsize=4)
 def _field_basis(grid: Grid) -> F64:
-    """Functions of the place in the frame, (n_patches, `_BASIS`)."""
-    row, col = np.divmod(np.arange(grid.n_patches), grid.cols)
-    y = row / max(grid.rows - 1, 1) - 0.5
-    x = col / max(grid.cols - 1, 1) - 0.5
+    """Constant, two slopes and three curvatures over the frame, (n_patches, 6)."""
+    y, x = _from_middle(grid)
     return np.stack([np.ones_like(x), y, x, y * x, y**2, x**2], axis=1)
 
 

@@ -585,6 +585,10 @@ def _operating_point(manifest: Mapping[str, Any], grid: Grid, model: LinearModel
     newer = _POINT_SINCE_4.intersection(manifest["operating_point"])
     if newer and manifest["format_version"] < 4:
         raise ToktError(f"its format knows no {min(newer)} in an operating point")
+    if point.water is not None:
+        rounds = "rounds" in manifest["operating_point"]["water"]
+        if rounds != (manifest["format_version"] >= 6):
+            raise ToktError("a prior of the water says its rounds from format 6 on")
     if point.unlike is not None and model.map is None:
         raise ToktError("a distance to landmarks, and no landmarks")
     if point.water is not None and len(set(model.obstacle)) < 2:

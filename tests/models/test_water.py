@@ -49,6 +49,11 @@ def test_faint_obstacles_bring_the_boundary_down():
     assert dataclasses.replace(LOOSE, rounds=6).boundary(faint) > LOOSE.boundary(faint)
 
 
+@pytest.mark.parametrize("rounds", [0, -1, 101, 10**9, 6.0, True, None])
+def test_rounds_are_bounded_as_each_frame_takes_them(rounds):
+    refuses("water's prior", WaterPrior.from_json, {**PRIOR.to_json(), "rounds": rounds})
+
+
 def test_a_prior_without_rounds_is_of_an_older_tokt():
     told = PRIOR.to_json()
     assert WaterPrior.from_json(told) == PRIOR and told.pop("rounds") == 6

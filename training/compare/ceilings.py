@@ -18,9 +18,9 @@ from tokt.features.common.arrays import F32, F64, I64
 from tokt.training.datasets.dataset import FRAME_KEY, PATCH_KEY, DatasetVersion
 from tokt.training.datasets.splits import dive_weights
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
-from tokt.training.fitting.classifier import Tables
+from tokt.training.fitting.classifier import changed_rows
 
-from .learning import set_up
+from .learning import Setting, set_up
 from .predictions import ComparedModels, ModelPredictions
 
 EPOCHS, BATCH, PATCH_SIZE = 10, 256, (36, 27)  # the net's; width and height of what it sees
@@ -45,9 +45,7 @@ def ceilings(
         setting = set_up(item, dataset, workspace, progress)
         dives = setting.split.dives(dataset.patches)
         weight = np.ones(len(setting.targets)) if dives is None else dive_weights(dives)
-        changed = setting.settings.change_weight
-        tables = setting.features, setting.augmented
-        learner = _boosting(*tables, setting.targets, weight, changed)
+        learner = _boosting(setting, weight, dives)
         tried.append(({"learner": "gradient boosting", "model": item.label}, learner))
     net: dict[str, Any] = {"learner": "small convolutional net on the pixels", "model": None}
     if find_spec("torch"):
@@ -72,18 +70,18 @@ def ceilings(
     return [*(about for about, _ in tried if about is not net), net]
 
 
-def _boosting(
-    features: F64, augmented: Tables, targets: I64, weight: F64, changed: float
-) -> _Learner:
+def _boosting(setting: Setting, weight: F64, dives: I64 | None) -> _Learner:
     """Learns from augmented frames too, with the same weight, where the model does."""
+    features, targets, settings = setting.features, setting.targets, setting.settings
 
     def learn(train: I64, test: I64) -> F64:
         rows, sources, weights = [features[train]], [train], [weight[train]]
-        for table in augmented:
-            at = table.of(train)
+        own = None if dives is None else dives[train]
+        for table in setting.augmented:
+            at, parts = changed_rows(table, train, own, weight[train], settings)
             rows.append(table.features[at])
             sources.append(table.source[at])
-            weights.append(changed * weight[table.source[at]])
+            weights.append(settings.change_weight * parts)
         booster = HistGradientBoostingClassifier(random_state=0)
         known = targets[np.concatenate(sources)]
         booster.fit(np.concatenate(rows), known, np.concatenate(weights))

@@ -37,7 +37,7 @@ _UNKNOWN: dict[str, Any] = {"low": None, "high": None}
 
 
 @dataclass(frozen=True)
-class _Setting:
+class Setting:
     """All that a fit needs; of the folds one training patch in `every` is left."""
 
     dataset: DatasetVersion
@@ -51,6 +51,7 @@ class _Setting:
 
     @cached_property
     def targets(self) -> I64:
+        """The dataset's."""
         return self.dataset.targets()
 
     @cached_property
@@ -60,6 +61,7 @@ class _Setting:
 
     @cached_property
     def measure(self) -> ComparisonMetric:
+        """What models are compared by."""
         return ComparisonMetric.of(self.dataset.obstacle_flags())
 
     @cached_property
@@ -123,7 +125,7 @@ def set_up(
     dataset: DatasetVersion,
     workspace: Path,
     progress: Callable[..., Any],
-) -> _Setting:
+) -> Setting:
     """What a registered model was fitted with, its cached features, and its folds, thinned."""
     recipe: Any = predictions.recipe
     registry = Registry(workspace)
@@ -144,10 +146,10 @@ def set_up(
     features = cached_features(dataset, spec, cache, progress)
     augmented = [changed_patches(dataset, spec, name, cache, progress) for name in settings.changes]
     folds, every = _thinned(dataset, folds, features.shape[1] * (1 + len(augmented)))
-    return _Setting(dataset, features, augmented, folds, choices, settings, every, split)
+    return Setting(dataset, features, augmented, folds, choices, settings, every, split)
 
 
-def _order(setting: _Setting, fold: Fold, rng: np.random.Generator) -> I64:
+def _order(setting: Setting, fold: Fold, rng: np.random.Generator) -> I64:
     """A fold's training blocks as they are added: first enough of them to have every class."""
     block, targets = setting.block[fold.train], setting.targets[fold.train]
     order = rng.permutation(np.unique(block))
@@ -159,7 +161,7 @@ def _order(setting: _Setting, fold: Fold, rng: np.random.Generator) -> I64:
     return np.array([*needed, *(number for number in order.tolist() if number not in needed)])
 
 
-def _curve_fits(setting: _Setting) -> Iterator[_Fit]:
+def _curve_fits(setting: Setting) -> Iterator[_Fit]:
     """By fraction and repeat."""
     rng = np.random.default_rng(0)
     for index, fold in enumerate(setting.folds):
@@ -170,7 +172,7 @@ def _curve_fits(setting: _Setting) -> Iterator[_Fit]:
                 yield (fraction, repeat), index, order[:kept]
 
 
-def _fits_without(setting: _Setting, stretches: list[I64]) -> Iterator[_Fit]:
+def _fits_without(setting: Setting, stretches: list[I64]) -> Iterator[_Fit]:
     """By number of the stretch that is left out."""
     for number, left_out in enumerate(stretches):
         for index, fold in enumerate(setting.folds):
@@ -182,7 +184,7 @@ def _fits_without(setting: _Setting, stretches: list[I64]) -> Iterator[_Fit]:
                 yield (number,), index, rest
 
 
-def _wrong_by_label(setting: _Setting, found: dict[tuple[float, int], I64]) -> list[dict[str, Any]]:
+def _wrong_by_label(setting: Setting, found: dict[tuple[float, int], I64]) -> list[dict[str, Any]]:
     """For each label the share of its patches that is judged wrong, by fraction."""
     tested = setting.tested
     labels = setting.dataset.patches.label.to_numpy()[tested]
@@ -241,11 +243,11 @@ def learning_curve(
     return {**result, "words": learning_words(result)}
 
 
-def _value(setting: _Setting, counts: F64) -> float:
+def _value(setting: Setting, counts: F64) -> float:
     return float(setting.measure.figure(counts.sum(axis=0)[None])[0])
 
 
-def _points(setting: _Setting, counts: dict[tuple[float, int], F64]) -> list[dict[str, Any]]:
+def _points(setting: Setting, counts: dict[tuple[float, int], F64]) -> list[dict[str, Any]]:
     blocks = np.mean([len(np.unique(setting.block[fold.train])) for fold in setting.folds])
     points = []
     for fraction in FRACTIONS:
@@ -263,7 +265,7 @@ def _points(setting: _Setting, counts: dict[tuple[float, int], F64]) -> list[dic
 
 
 def _gain(
-    setting: _Setting, counts: dict[tuple[float, int], F64], draws: F64, part: float
+    setting: Setting, counts: dict[tuple[float, int], F64], draws: F64, part: float
 ) -> dict[str, Any]:
     """What the blocks beyond a part of them brought, with its interval over test blocks."""
     figure = setting.measure.figure
@@ -277,7 +279,7 @@ def _gain(
 
 
 def _helped(
-    setting: _Setting,
+    setting: Setting,
     stretches: list[I64],
     whole: I64,
     without: dict[int, dict[int, I64]],
@@ -311,7 +313,7 @@ def _helped(
     return sorted(found, key=lambda row: -float(row["help"]))
 
 
-def _how(setting: _Setting) -> str:
+def _how(setting: Setting) -> str:
     thin = f" (one patch in {setting.every} of them, drawn)" if setting.every > 1 else ""
     same = "blocks are of the same dives" if setting.dataset.block_frames else "are of one folder"
     if setting.split.unit(setting.dataset.patches) != BLOCKS:

@@ -111,9 +111,7 @@ def _tasks(dataset: DatasetVersion, spec: dict[str, Any], often: int) -> list[_T
 
 def _describe_changed(task: _Task) -> F64:
     """Features of some patches of a changed frame, and last the row of each one's source."""
-    frame = read_stored_frame(task.path, task.digest)
-    if task.mask is not None:
-        frame = task.mask.cover(frame)
+    frame = read_stored_frame(task.path, task.digest, task.mask)
     rng = np.random.default_rng([int(task.digest[:16], 16), task.number])
     shape = task.grid.rows, task.grid.cols
     solid, known = task.obstacle.reshape(shape), (task.row_of >= 0).reshape(shape)

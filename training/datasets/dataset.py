@@ -169,8 +169,7 @@ class DatasetVersion:
         Raises ToktError if the stored frame is not the one the dataset was built from.
         """
         row, mask = self.frames.iloc[index], self.mask(index)
-        frame = read_stored_frame(self.path / "frames" / row.file, row.digest)
-        return frame if mask is None else mask.cover(frame)
+        return read_stored_frame(self.path / "frames" / row.file, row.digest, mask)
 
     @property
     def is_gray(self) -> bool:
@@ -227,13 +226,16 @@ def thin_classes(dataset: DatasetVersion, wanted: int) -> list[str]:
     return lines
 
 
-def read_stored_frame(path: Path, digest: str) -> U8:
-    """A dataset's frame file; ToktError where it is not the frame the dataset was built from."""
+def read_stored_frame(path: Path, digest: str, mask: ViewMask | None = None) -> U8:
+    """A dataset's frame file, its mask covered.
+
+    Raises ToktError where it is not the frame that the dataset was built from.
+    """
     with os_errors_as(f"dataset frame {path}"):
         image = decode_image(path.read_bytes(), str(path))
     if pixel_sha256(image) != digest:
         raise ToktError(f"dataset frame {path} has changed since the dataset was built")
-    return image
+    return image if mask is None else mask.cover(image)
 
 
 def _check_classes(plan: DatasetPlan) -> None:

@@ -64,9 +64,7 @@ _DescribeTask = tuple[Path, str, ViewMask | None, I64, dict[str, Any], Grid, str
 
 def _describe(task: _DescribeTask) -> F64:
     path, digest, mask, cells, spec, grid, augmentation = task
-    frame = read_stored_frame(path, digest)
-    if mask is not None:
-        frame = mask.cover(frame)
+    frame = read_stored_frame(path, digest, mask)
     if augmentation:
         frame = augmentations.augment(frame, augmentation)
     return build_extractor(spec).describe(frame, grid)[cells]
@@ -145,7 +143,18 @@ def cached_table(
     """
     table = _cached(path, shape)
     if table is None:
-        _compute(tasks, describe, path, shape, what, progress, jobs, dask)
+        atomic.remove_partials(path.parent, atomic.ABANDONED_S)
+        with atomic.scratch_folder(path) as folder:
+            written = np.lib.format.open_memmap(folder / path.name, "w+", np.float64, shape)
+            described = mapped(describe, (task for _, task in tasks), jobs, dask)
+            results = progress(described, len(tasks), what)
+            for (rows, _), values in zip(tasks, results, strict=True):
+                written[rows] = values
+            written.flush()
+            digest = hashlib.sha256(written.data).hexdigest()
+            del written
+            atomic.write_text(path.with_suffix(".sha256"), digest)
+            atomic.rename(folder / path.name, path)
         table = _cached(path, shape)
     if table is None:
         raise ToktError(f"feature cache {path} cannot be read back; is the disk full?")
@@ -173,27 +182,3 @@ def _tasks(
             cells, after = np.append(cells, others), after + len(others)
         tasks.append((rows, (*stored[key], cells, spec, grid, augmentation)))
     return tasks
-
-
-def _compute(
-    tasks: Sequence[tuple[I64, Any]],
-    describe: Callable[[Any], F64],
-    path: Path,
-    shape: tuple[int, int],
-    what: str,
-    progress: Callable[..., Any],
-    jobs: int,
-    dask: str | None,
-) -> None:
-    atomic.remove_partials(path.parent, atomic.ABANDONED_S)
-    with atomic.scratch_folder(path) as folder:
-        table = np.lib.format.open_memmap(folder / path.name, "w+", np.float64, shape)
-        described = mapped(describe, (task for _, task in tasks), jobs, dask)
-        results = progress(described, len(tasks), what)
-        for (rows, _), values in zip(tasks, results, strict=True):
-            table[rows] = values
-        table.flush()
-        digest = hashlib.sha256(table.data).hexdigest()
-        del table
-        atomic.write_text(path.with_suffix(".sha256"), digest)
-        atomic.rename(folder / path.name, path)

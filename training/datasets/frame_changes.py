@@ -14,14 +14,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from tokt.features.common.arrays import I64, U8
+from tokt.features.common.arrays import F32, I64, U8, Bools
 
 WIDTH = 720
 """Pixels: wide enough for the finest structure that extractors look at in frames of width 360."""
 
-F32 = NDArray[np.float32]
 _GRAY_CHANCE = 0.08
 _ZOOM_TRIES = 40
 _FULL = 0.75  # part of a cut-out's patches that are obstacles where it stands for a filled view
@@ -45,9 +43,7 @@ def at_width(frame: U8) -> U8:
     return np.asarray(cv2.resize(frame, size, interpolation=how), np.uint8)
 
 
-def changed(
-    frame: U8, obstacle: NDArray[np.bool_], known: NDArray[np.bool_], rng: np.random.Generator
-) -> ChangedFrame:
+def changed(frame: U8, obstacle: Bools, known: Bools, rng: np.random.Generator) -> ChangedFrame:
     """Change a frame at random.
 
     Parameters
@@ -59,7 +55,7 @@ def changed(
     """
     cells = np.arange(obstacle.size).reshape(obstacle.shape)
     kind = rng.random()
-    if kind < 0.45:
+    if kind < 0.45:  # zoomed: a quarter into any part, a tenth each into obstacles and into water
         what = "any" if kind < 0.25 else "full" if kind < 0.35 else "water"
         cut = _zoomed(frame, obstacle, known, what, rng)
         if cut is not None:
@@ -69,17 +65,15 @@ def changed(
         if rng.random() < chance:
             light = change(light, rng)
     if rng.random() < _GRAY_CHANCE:
-        light = np.repeat(light @ np.array([[0.114], [0.587], [0.299]], np.float32), 3, axis=2)
+        light = np.asarray(
+            cv2.cvtColor(cv2.cvtColor(light, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR), np.float32
+        )
     out = np.ascontiguousarray(np.clip(light, 0, 255).astype(np.uint8))
     return ChangedFrame(out, np.asarray(cells.ravel(), np.int64))
 
 
 def _zoomed(
-    frame: U8,
-    obstacle: NDArray[np.bool_],
-    known: NDArray[np.bool_],
-    what: str,
-    rng: np.random.Generator,
+    frame: U8, obstacle: Bools, known: Bools, what: str, rng: np.random.Generator
 ) -> tuple[U8, I64] | None:
     """Some of the frame's patches as a whole frame: any, all obstacles or all water."""
     rows, cols = obstacle.shape

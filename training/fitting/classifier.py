@@ -63,7 +63,7 @@ def fit_rows(
         own = None
     parts = np.ones(len(rows)) if own is None else dive_weights(own)
     scaled = own is not None or len(rows) > settings.max_samples
-    changed = [_learnt(table, rows, own, parts, settings) for table in augmented]
+    changed = [changed_rows(table, rows, own, parts, settings) for table in augmented]
     all_rows = parts.sum()
     if len(rows) > settings.max_samples:
         if settings.landmarks:
@@ -83,7 +83,7 @@ def fit_rows(
     )
 
 
-def _learnt(
+def changed_rows(
     table: ChangedPatches, rows: I64, dives: I64 | None, parts: F64, settings: TrainingSettings
 ) -> tuple[I64, F64]:
     """Rows of a table that come from `rows`, and how much each counts: a dive as much as there.
@@ -137,7 +137,7 @@ def fit_classifier(
     features : array of float64, shape (n, dim)
     targets : array of int, shape (n,)
     choice : Hyperparameters
-        LinearSVC's C and the weights of the classes.
+        The linear model's C and the weights of the classes.
     weights : array of float64, shape (n,), optional
         How much each patch's error counts, and the patch itself before a map.
     scaled_by : array of float64, shape (n,), optional
@@ -147,17 +147,15 @@ def fit_classifier(
     """
     features = np.asarray(features)
     parts = np.ones(len(features)) if weights is None else weights
-    linear: LinearSVC | LogisticRegression = LinearSVC(
-        C=choice.penalty,
-        class_weight=choice.class_weight,
-        random_state=settings.seed,
-        dual=not settings.scale,
-        max_iter=5000,
-    )
+    shared: dict[str, Any] = {"C": choice.penalty, "class_weight": choice.class_weight}
+    linear: LinearSVC | LogisticRegression
     if settings.logistic:
         weights = parts * (_LOGISTIC_WEIGHT / parts.sum())
-        linear = LogisticRegression(
-            C=choice.penalty, class_weight=choice.class_weight, solver="newton-cholesky"
+        linear = LogisticRegression(**shared, solver="newton-cholesky")
+    else:
+        # In the dual for unscaled features: `random_state` counts there.
+        linear = LinearSVC(
+            **shared, random_state=settings.seed, dual=not settings.scale, max_iter=5000
         )
     if landmarks is None and settings.landmarks:
         landmarks = features[drawn(parts, settings.landmarks, settings.seed)]

@@ -85,7 +85,7 @@ def train(
         Option(
             min=1000,
             help="Patches that a fit learns from at most, drawn by lot; augmented ones are extra. "
-            "Default: 50000.",
+            "Default: the preset's, 50000 or fewer.",
         ),
     ] = None,
     class_weight: Annotated[
@@ -95,8 +95,8 @@ def train(
     changes: Annotated[
         str | None,
         Option(
-            help="Augmentations to learn from as well, such as gain_0.5,jpeg_60, or none. Default: "
-            "the preset's."
+            help="Augmentations to learn from as well, such as gain_0.5,jpeg_60 or random_9, or "
+            "none. Default: the preset's."
         ),
     ] = None,
     fixed_boundary: FixedBoundaryOption = False,

@@ -519,6 +519,16 @@ def test_every_size_that_was_learnt_from_is_in_the_file(make_content):
         assert "does not fit together" in refuse(rehash(members, {"frame_sizes": wrong}))
 
 
+def test_the_rounds_of_a_boundary_are_said_from_format_6_on():
+    old = unpack((Path(__file__).parent / "bundle_of_format_5.zip").read_bytes())
+    point = json.loads(old["manifest.json"])["operating_point"]
+    told = {**point, "water": {**point["water"], "rounds": 6}}
+    assert "rounds from format 6 on" in refuse(rehash(old, {"operating_point": told}))
+    newer = {"format_version": 6, "frame_sizes": [[32, 48]]}
+    assert "rounds from format 6 on" in refuse(rehash(old, newer))
+    bundle_from_bytes(rehash(old, {**newer, "operating_point": told}), "x")
+
+
 def test_large_decision_values_are_held_to_their_own_scale(make_content):
     """Unscaled features give values in the thousands: 1e-9 of those, and no more."""
     content = make_content()
