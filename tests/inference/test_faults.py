@@ -64,6 +64,12 @@ TABLE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
 RNG = np.random.default_rng(7)
 
 
+@pytest.fixture(autouse=True)
+def same_noise(monkeypatch):
+    """The same pictures whichever tests ran before."""
+    monkeypatch.setitem(globals(), "RNG", np.random.default_rng(7))
+
+
 def hold_row(fault: str, comes_to: str, counted: str) -> None:
     """Hold a row of three cells against the documented ones."""
     line = f"| {fault} | {comes_to} | {counted} |"
