@@ -28,7 +28,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -82,6 +82,7 @@ distribution of features, 1 to 3 no bundle, 1 to 4 no numbers of sight."""
 BUNDLE_FILE = "model.tokt"
 """The bundle's name in MLflow's model."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_Result = TypeVar("_Result")
 _ARTIFACTS = "mlartifacts"
 _PLACES = (
     *(("experiments", "artifact_location"), ("runs", "artifact_uri")),
@@ -186,6 +187,18 @@ def fitting(version: RegisteredVersion, what: str = "recipe.json") -> Iterator[N
         raise ToktError(f"model {version.label}: its {what} does not fit ({fault})") from None
 
 
+def retry_once(write: Callable[[], _Result]) -> _Result:
+    """Call `write` again if it fails, because another process may just have written the same row.
+
+    MLflow looks whether a row exists and then inserts it, in one transaction: of two processes that
+    do so at the same time, one fails, and finds the row of the other when it tries again.
+    """
+    try:
+        return write()
+    except MlflowException:
+        return write()
+
+
 class Registry:
     """Runs and registered models of one workspace.
 
@@ -242,22 +255,18 @@ class Registry:
         # A server has a place for artifacts; a database alone has none.
         location = self._artifacts.as_uri() if _dialect(self.uri) in DATABASE_ENGINES else None
         with self.reported():
-            found = self.client.get_experiment_by_name(EXPERIMENT)
-            if found is not None:
-                if found.artifact_location is None:
-                    where = without_credentials(self.uri)
-                    raise ToktError(f"the model registry at {where}: it has no artifact folder")
-                if self._database is not None and found.artifact_location != location:
-                    self._move_artifacts(self._database, found.artifact_location)
-                return str(found.experiment_id)
-            try:
-                return str(self.client.create_experiment(EXPERIMENT, artifact_location=location))
-            except MlflowException:
-                # Another process may have made it meanwhile.
-                again = self.client.get_experiment_by_name(EXPERIMENT)
-                if again is None:
-                    raise
-                return str(again.experiment_id)
+            return retry_once(lambda: self._experiment_id(location))
+
+    def _experiment_id(self, location: str | None) -> str:
+        found = self.client.get_experiment_by_name(EXPERIMENT)
+        if found is None:
+            return str(self.client.create_experiment(EXPERIMENT, artifact_location=location))
+        if found.artifact_location is None:
+            where = without_credentials(self.uri)
+            raise ToktError(f"the model registry at {where}: it has no artifact folder")
+        if self._database is not None and found.artifact_location != location:
+            self._move_artifacts(self._database, found.artifact_location)
+        return str(found.experiment_id)
 
     def _move_artifacts(self, database: Path, before: str) -> None:
         """After the workspace was moved or copied: what is logged from now on goes to its own."""
@@ -346,7 +355,9 @@ class Registry:
         version = self.find(reference)
         check_alias(alias)
         with self.reported():
-            self.client.set_registered_model_alias(version.name, alias, version.version)
+            retry_once(
+                lambda: self.client.set_registered_model_alias(version.name, alias, version.version)
+            )
         return self.find(version.label)
 
     def check(self, version: RegisteredVersion) -> None:

@@ -63,19 +63,27 @@ def postgres() -> Iterator[str]:
 
 def _answers(uri: str, server: "subprocess.Popen[bytes]", log: Path) -> bool:
     assert server.poll() is None, log.read_text()
-    with suppress(psycopg2.OperationalError), closing(_opened(uri)):
+    with suppress(psycopg2.OperationalError), closing(connect(uri)):
         return True
     return False
 
 
-def _opened(uri: str) -> Any:
+def connect(uri: str) -> Any:
+    """Open a connection of psycopg2 to a database by SQLAlchemy's URI."""
     return psycopg2.connect(uri.replace(_DRIVER, "postgresql"))
 
 
 def create_database(uri: str, name: str) -> str:
     """Another database of the server; its URI."""
-    with closing(_opened(uri)) as opened:
+    with closing(connect(uri)) as opened:
         opened.autocommit = True
         with opened.cursor() as cursor:
             cursor.execute(f"CREATE DATABASE {name}")
     return uri.removesuffix("postgres") + name
+
+
+def waits_for_a_lock(connection: Any) -> bool:
+    """Return whether any client of the server waits for a lock of another."""
+    with connection.cursor() as cursor:
+        cursor.execute("SELECT count(*) FROM pg_stat_activity WHERE wait_event_type = 'Lock'")
+        return bool(cursor.fetchone()[0])

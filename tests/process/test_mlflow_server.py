@@ -3,6 +3,7 @@
 import json
 import shutil
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import mlflow
@@ -13,8 +14,8 @@ from tests.fixtures import TRAIN_TINY, draw_tiny_frame
 from tests.forking import ForkHost
 from tests.models.parts import unpack
 from tests.models.registry.serving import mlflow_serves
-from tests.process.postgres import PASSWORD, create_database, postgres
-from tests.waiting import MAX_S
+from tests.process.postgres import PASSWORD, connect, create_database, postgres, waits_for_a_lock
+from tests.waiting import MAX_S, until
 from tokt.models.registry.registry import Registry
 
 TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
@@ -78,11 +79,13 @@ def test_the_whole_way_on_postgresql_alone(database, elsewhere, tiny_bundle, tmp
 
 def test_two_trainings_at_once(database, elsewhere, preload, monkeypatch):
     """Of a model that is not there yet: each gets a number, and has it in its bundle."""
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", create_database(database, "shared"))
+    uri = create_database(database, "shared")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
     assert succeeds("models", "list", "--workspace", elsewhere).out == ""  # makes the tables
     with closing(ForkHost(preload)) as host:
         both = [host.start(*TRAIN, "--workspace", elsewhere) for _ in range(2)]
-        assert [process.wait(MAX_S) for process in both] == [0, 0], both[0].stderr.read()
+        ended = [process.wait(MAX_S) for process in both]
+        assert ended == [0, 0], [process.stderr.read() for process in both]
     registry = Registry(elsewhere)
     versions = registry.versions()
     assert len(versions) == 2
@@ -90,6 +93,22 @@ def test_two_trainings_at_once(database, elsewhere, preload, monkeypatch):
         assert registry.bundle(version.label).label == version.label
         loaded = mlflow.pyfunc.load_model(f"models:/{version.label}")
         assert loaded.get_raw_model().label == version.label
+    an_alias_is_set_at_the_same_time(uri, registry, versions)
+
+
+def an_alias_is_set_at_the_same_time(uri, registry, versions):
+    """Another process has inserted the alias, and commits while tokt waits to insert its own."""
+    with closing(connect(uri)) as other, ThreadPoolExecutor(1) as pool:
+        other.cursor().execute(
+            "INSERT INTO registered_model_aliases (workspace, name, alias, version) "
+            "SELECT workspace, name, 'champion', version FROM model_versions WHERE version = %s",
+            (versions[1].version,),
+        )
+        setting = pool.submit(registry.set_alias, versions[0].label, "champion")
+        with closing(connect(uri)) as looking:
+            until(lambda: waits_for_a_lock(looking), setting.done)
+        other.commit()
+        assert "champion" in setting.result(MAX_S).aliases
 
 
 def test_an_error_shows_no_password(database, elsewhere, monkeypatch):

@@ -19,7 +19,6 @@ import numpy as np
 import pandas as pd
 from mlflow import MlflowClient
 from mlflow.entities import LoggedModelOutput, LoggedModelStatus, Metric
-from mlflow.exceptions import MlflowException
 from mlflow.models import Model
 
 from tokt import __version__
@@ -30,7 +29,7 @@ from tokt.mlflow import COLUMN, LOADER_MODULE, SIGNATURE
 from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
 from tokt.models.bundle.card import model_card
 from tokt.models.registry.registration import FILES_TAG, NUMBER_TAG, RegisteredVersion, files_tag
-from tokt.models.registry.registry import BUNDLE_FILE, RECIPE_VERSION, Registry
+from tokt.models.registry.registry import BUNDLE_FILE, RECIPE_VERSION, Registry, retry_once
 from tokt.models.sight import SightLimits, measure_sight, sight_from_json, sight_to_json
 from tokt.models.signing.keys import SigningKey
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
@@ -338,10 +337,7 @@ def log_dataset(
             of = {"name": dataset.name, "source": dataset.path.resolve().as_uri()}
             of["digest"] = dataset.hash[:32]
         table = mlflow.data.from_pandas(patches, targets="label", **of)
-        try:
-            mlflow.log_input(table, context)
-        except MlflowException:  # another process logged the same one first, at the same moment
-            mlflow.log_input(table, context)
+        retry_once(lambda: mlflow.log_input(table, context))
 
 
 def log_and_register(
