@@ -1,10 +1,12 @@
-"""Names of registered models for a shell's completion: out of MLflow's file, without MLflow."""
+"""Names of registered models and aliases, for a shell's completion too: without MLflow."""
 
 import os
 import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+CHAMPION = "champion"
+"""The alias of the version that is in use."""
 _SQLITE = "sqlite:///"
 REFERENCES = """
     SELECT name FROM registered_models

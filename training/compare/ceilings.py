@@ -16,7 +16,6 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from tokt.features.common.arrays import F32, F64, I64
 from tokt.training.datasets.dataset import FRAME_KEY, PATCH_KEY, DatasetVersion
-from tokt.training.datasets.splits import dive_weights
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting.classifier import changed_rows
 
@@ -44,8 +43,8 @@ def ceilings(
     for item in models:
         setting = set_up(item, dataset, workspace, progress)
         dives = setting.split.dives(dataset.patches)
-        weight = np.ones(len(setting.targets)) if dives is None else dive_weights(dives)
-        learner = _boosting(setting, weight, dives)
+        weight = np.ones(len(setting.targets)) if dives is None else dives.weights()
+        learner = _boosting(setting, weight, None if dives is None else dives.number)
         tried.append(({"learner": "gradient boosting", "model": item.label}, learner))
     net: dict[str, Any] = {"learner": "small convolutional net on the pixels", "model": None}
     if find_spec("torch"):

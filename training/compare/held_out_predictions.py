@@ -1,6 +1,7 @@
 """Predictions of registered models on patches that their cross-validation held out."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from tokt.training.datasets.dataset import (
     DatasetVersion,
     list_datasets,
 )
+from tokt.training.evaluation.old_dives import held_out_by_dive
 
 from .frames import NEITHER, OBSTACLE_FRAME, OCEAN, FrameSeries
 from .predictions import HELD_OUT, ComparedModels, ModelPredictions, error_margins
@@ -44,34 +46,68 @@ def _registered(reference: str, registry: Registry) -> str:
     )
 
 
-def _check_same_data(recipes: Mapping[str, Mapping[str, Any]]) -> str:
-    """The dataset hash that all models share."""
+def _datasets(
+    recipes: Mapping[str, Mapping[str, Any]], workspace: Path
+) -> dict[str, DatasetVersion | None]:
+    """The dataset of each model; None where all learnt from the same one and it is gone.
+
+    Raises ToktError where they are different ones and one is gone.
+    """
+    known = {item.hash: item for item in list_datasets(workspace / "datasets")}
     hashes = {label: str(recipe["provenance"]["dataset_hash"]) for label, recipe in recipes.items()}
-    first = next(iter(hashes))
-    for label, value in hashes.items():
-        if value != hashes[first]:
-            names = [str(recipes[item]["provenance"]["dataset"]) for item in (first, label)]
+    datasets = {label: known.get(value) for label, value in hashes.items()}
+    for label, dataset in datasets.items():
+        if dataset is not None:
+            dataset.check()
+        elif len(set(hashes.values())) > 1:
             raise ToktError(
-                f"{first} learnt from dataset {names[0]}, {label} from {names[1]}: train both on "
-                f"one dataset, or {_ASK}"
+                f"dataset {recipes[label]['provenance']['dataset']} of {label} is not in this "
+                f"workspace, and the others learnt from another one: train all on one, or {_ASK}"
             )
-    return hashes[first]
+    return datasets
 
 
-def _check_same_folds(tables: Mapping[str, pd.DataFrame]) -> None:
-    first = next(iter(tables))
-    base = tables[first]
+def _common_patches(
+    tables: Mapping[str, pd.DataFrame], datasets: Mapping[str, DatasetVersion | None]
+) -> dict[str, pd.DataFrame]:
+    """The patches that all models know, with the same label in the same picture, in one order."""
+    known = {}
     for label, table in tables.items():
-        same = table[PATCH_COLUMNS].equals(base[PATCH_COLUMNS])
-        both = (table.fold >= 0) & (base.fold >= 0) if same else None
-        if both is None or not table.fold[both].equals(base.fold[both]):
+        dataset = datasets[label]
+        pictures = table[FRAME_KEY].drop_duplicates().assign(digest="")
+        if dataset is not None:
+            pictures = dataset.frames[[*FRAME_KEY, "digest"]]
+        known[label] = table.merge(pictures, on=FRAME_KEY)
+    keys = [*PATCH_KEY, "label", "digest"]
+    common = reduce(lambda one, other: one.merge(other), (table[keys] for table in known.values()))
+    return {
+        label: table.merge(common, on=keys).sort_values(PATCH_KEY, ignore_index=True)
+        for label, table in known.items()
+    }
+
+
+def _folds(kept: Mapping[str, pd.DataFrame], by_dive: bool) -> tuple[I64, dict[str, list[int]]]:
+    """A number for each patch, the same for those in the same folds; and each model's fold by it.
+
+    Raises ToktError where the models were cross-validated in other folds, but for whole dives: each
+    patch is then judged by models that learnt nothing of its dive.
+    """
+    together, number = np.unique(
+        np.stack([table.fold for table in kept.values()]), axis=1, return_inverse=True
+    )
+    first, *_ = kept
+    for label, folds in zip(kept, together, strict=True):
+        if not by_dive and len(np.unique(folds)) < together.shape[1]:
             raise ToktError(f"{first} and {label} were cross-validated in other folds: {_ASK}")
+    return number.ravel(), {
+        label: folds.tolist() for label, folds in zip(kept, together, strict=True)
+    }
 
 
-def _sorted(table: pd.DataFrame, label: str) -> pd.DataFrame:
+def _comparable(table: pd.DataFrame, label: str) -> pd.DataFrame:
     if "value_0" not in table:
         raise ToktError(f"model {label} was trained by an older tokt; train it again to compare it")
-    return table.sort_values(PATCH_KEY, ignore_index=True)
+    return table
 
 
 def _frames(table: pd.DataFrame, truth: Bools, bundle: Bundle) -> pd.DataFrame:
@@ -90,9 +126,12 @@ def _frames(table: pd.DataFrame, truth: Bools, bundle: Bundle) -> pd.DataFrame:
 
 
 def _predictions(
-    bundle: Bundle, recipe: Mapping[str, Any], table: pd.DataFrame, frame: I64
+    bundle: Bundle, recipe: Mapping[str, Any], table: pd.DataFrame, frame: I64, folds: list[int]
 ) -> ModelPredictions:
-    """A model on the patches of a table; `frame` is each one's row in the series."""
+    """A model on the patches of a table; `frame` is each one's row in the series.
+
+    `folds` are the model's own, by those of the series.
+    """
     columns = [name for name in table if str(name).startswith("value_")]
     values = table[sorted(columns, key=lambda name: int(name.split("_")[1]))].to_numpy(np.float64)
     score = table.obstacle_score.to_numpy(np.float64)
@@ -111,7 +150,7 @@ def _predictions(
         on_grid=on_grid,
         white=min_mask_patches(grid, *grid.resized(*bundle.frame_sizes[0])),
         judged=np.ones(len(on_grid), bool),
-        fold_rules=[MofNRule.from_json(rule) for rule in recipe["fold_rules"]],
+        fold_rules=[MofNRule.from_json(recipe["fold_rules"][fold]) for fold in folds],
         split=str(recipe["metrics"]["split"]),
         recipe=recipe,
     )
@@ -155,9 +194,11 @@ def _notes(
     if kept < total:
         notes.append(
             f"{total - kept} of {total} patches are left out for all: a model learnt from their "
-            "frames."
+            "frames, or does not know them."
         )
-    if dataset is None:
+    if len({recipe["provenance"]["dataset_hash"] for recipe in recipes.values()}) > 1:
+        notes.append("The models learnt from different datasets: no pictures, no learning curve.")
+    elif dataset is None:
         notes.append("The dataset is not in this workspace: no pictures, no learning curve.")
     return notes
 
@@ -165,48 +206,48 @@ def _notes(
 def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     """Bring registered models together on what none of them learnt from.
 
-    Raises ToktError if a model is not registered, or they are of different datasets or folds.
+    Of models that learnt from different datasets these are the patches that all of them know, if
+    each held out whole dives: an adapted model beside the one that it comes from.
+
+    Raises ToktError if a model is not registered, or they are of different folds.
     """
     registry = Registry(workspace)
     labels = [_registered(reference, registry) for reference in references]
     check_different(labels)
     recipes = {label: registry.recipe(registry.find(label)) for label in labels}
-    wanted = _check_same_data(recipes)
-    tables = {label: _sorted(registry.held_out(label), label) for label in labels}
-    _check_same_folds(tables)
+    datasets = _datasets(recipes, workspace)
+    tables = {label: _comparable(registry.held_out(label), label) for label in labels}
+    total = max(len(table) for table in tables.values())
+    tables = _common_patches(tables, datasets)
     tested = np.logical_and.reduce([table.fold.to_numpy() >= 0 for table in tables.values()])
     if not tested.any():
         raise ToktError(f"no patch was held out by all of these models; {_ASK}")
+    # The thesis's models learn from a frame of a dive that they are tested on.
+    by_dive = all(map(held_out_by_dive, tables.values())) and all(
+        recipe["provenance"]["preset"] != "thesis" for recipe in recipes.values()
+    )
     kept = {label: table[tested].reset_index(drop=True) for label, table in tables.items()}
-    first = kept[labels[0]]
+    number, folds = _folds(kept, by_dive)
+    first = kept[labels[0]].assign(fold=number)
     bundles = {label: registry.bundle(label) for label in labels}
     truth = np.asarray(bundles[labels[0]].model.obstacle, bool)[first.target.to_numpy()]
     series = FrameSeries.of(_frames(first, truth, bundles[labels[0]]))
     # The table is sorted as the series is.
     frame = first.groupby(FRAME_KEY).ngroup().to_numpy(np.int64)
-    known = (item for item in list_datasets(workspace / "datasets") if item.hash == wanted)
-    dataset = next(known, None)
-    # The thesis's models learn from a frame of a dive that they are tested on.
-    by_dive = (
-        first.mission.nunique() > 1
-        and first.groupby("mission").fold.nunique().max() == 1
-        and all(recipe["provenance"]["preset"] != "thesis" for recipe in recipes.values())
-    )
-    if dataset is not None:
-        dataset.check()
+    names = list(dict.fromkeys(str(recipe["provenance"]["dataset"]) for recipe in recipes.values()))
+    # Pictures and learning curve are of one dataset.
+    dataset = datasets[labels[0]] if len(names) == 1 else None
     return ComparedModels(
         mode=HELD_OUT,
-        what=f"dataset {recipes[labels[0]]['provenance']['dataset']}"
+        what=f"dataset {' and '.join(names)}"
         + (" (UNGROUPED)" if bundles[labels[0]].grid.width is None else ""),
         patches=first[PATCH_COLUMNS],
         truth=truth,
-        models=[_predictions(bundles[x], recipes[x], kept[x], frame) for x in labels],
+        models=[_predictions(bundles[x], recipes[x], kept[x], frame, folds[x]) for x in labels],
         series=series,
         read_frame=None if dataset is None else _reader(dataset),
         dataset=dataset,
-        notes=_notes(
-            len(tested), int(tested.sum()), dataset, bundles[labels[0]].grid, recipes, by_dive
-        ),
+        notes=_notes(total, int(tested.sum()), dataset, bundles[labels[0]].grid, recipes, by_dive),
     )
 
 

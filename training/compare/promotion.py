@@ -9,6 +9,7 @@ from tokt.features.common.arrays import F64, Bools
 from tokt.models.operating_point import OBSTACLE
 from tokt.training.datasets.dataset import FRAME_KEY
 from tokt.training.evaluation.metrics import upper_bound
+from tokt.training.evaluation.old_dives import falls
 
 from .bootstrap import CONFIDENCE, block_numbers, drawn_blocks, interval, summed
 from .comparison import measure_times
@@ -28,6 +29,7 @@ def judge_candidate(compared: ComparedModels, max_ms: float | None = None) -> di
 
     The candidate fails where the interval of a difference lies wholly below 0 on a dive (blocks of
     frames drawn within it): F1, AP, share of the obstacle frames with status 1. It fails too where
+    a dive's F1, or the mean of the dives', falls by more than the rule allows (`falls`), where
     it is worse over all dives, by the verdict of `compare_pairs`; where false statuses are more,
     beyond doubt, than its operating point was chosen for; where it is never seen to warn; where no
     interval can be told at all; and where its median time a frame is above `max_ms`, by default
@@ -49,6 +51,7 @@ def judge_candidate(compared: ComparedModels, max_ms: float | None = None) -> di
         for row in rows
         if row["worse"]
     ]
+    faults += [f"old dives lose too much: {line}" for line in _falls(rows)]
     faults += filter(None, [compared.models[0].bundle.silence])
     if not any(row["interval"] for row in rows):
         faults.append("too few blocks to tell anything: compare them on more dives (--mission)")
@@ -59,6 +62,15 @@ def judge_candidate(compared: ComparedModels, max_ms: float | None = None) -> di
         "time": {"champion_ms": was, "candidate_ms": now, "max_ms": limit},
         "notes": compared.notes,
     }
+
+
+def _falls(rows: list[dict[str, Any]]) -> list[str]:
+    """What the dives' F1 loses beyond the rule."""
+    of_patches = [row for row in rows if row["dive"] and row["figure"].endswith("F1")]
+    before, after = (
+        {row["dive"]: row[who] for row in of_patches} for who in ("champion", "candidate")
+    )
+    return falls(before, after)
 
 
 def _of_dive(part: ComparedModels, dive: str) -> list[dict[str, Any]]:

@@ -7,7 +7,8 @@ and camera: how a model does on another dive is only seen where whole dives are 
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -209,16 +210,37 @@ def some_units(units: NDArray[np.object_], kinds: Sequence[I64], most: int, of_k
     return np.flatnonzero(np.isin(unit, order[kept]))
 
 
-def dive_weights(dives: I64) -> F64:
-    """A weight for each patch, by what its dive holds; 1 in the mean.
+@dataclass(frozen=True)
+class Dives:
+    """The dive of each patch, and how much each dive counts in learning."""
 
-    A dive counts by the root of its patches, up to `FULL_DIVE`: three frames do not count as much
-    as sixty, and hundreds no more. Chosen with whole sites held out, against dives that all count
-    the same.
-    """
-    _, dive, patches = np.unique(dives, return_inverse=True, return_counts=True)
-    weights = (np.sqrt(np.minimum(patches, FULL_DIVE)) / patches)[dive]
-    return np.asarray(weights * (len(dives) / weights.sum()), np.float64)
+    number: I64  # (n_patches,)
+    times: F64  # (n_dives,): how many times its usual share a dive counts
+    # (n_dives,): whether it was added to a model, which keeps the scaler and map of the others
+    added: Bools
+
+    @classmethod
+    def of(cls, missions: NDArray[Any], added: Mapping[str, float] | None = None) -> Self:
+        """Return the dives of patches, given each one's mission, and `added` as `Split` has it."""
+        number, names = pd.factorize(missions)
+        times = [(added or {}).get(name, 1.0) for name in names]
+        return cls(number, np.array(times), np.isin(names, list(added or {})))
+
+    def part(self, rows: I64) -> "Dives":
+        """Return the dives of some patches."""
+        return replace(self, number=self.number[rows])
+
+    def weights(self) -> F64:
+        """Return a weight for each patch, by what its dive holds; 1 in the mean.
+
+        A dive counts by the root of its patches, up to `FULL_DIVE`: three frames do not count as
+        much as sixty, and hundreds no more. Chosen with whole sites held out, against dives that
+        all count the same.
+        """
+        patches = np.maximum(np.bincount(self.number, minlength=len(self.times)), 1)
+        shares = self.times * np.sqrt(np.minimum(patches, FULL_DIVE)) / patches
+        weights = shares[self.number]
+        return np.asarray(weights * (len(weights) / weights.sum()), np.float64)
 
 
 def sites_named(texts: Sequence[str], missions: Sequence[str]) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """A registered model that learns a new dive too: what that gains there and costs elsewhere."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,23 +15,31 @@ from tokt.labels.page.suggestions.queue import next_frames
 from tokt.labels.page.suggestions.suggester import suggestions
 from tokt.labels.page.suggestions.suggestion_table import MissionSuggestions
 from tokt.models.bundle.bundle import Bundle
+from tokt.models.operating_point import OperatingPoint
 from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import Fold
 from tokt.training.evaluation.metrics import obstacle_metrics
+from tokt.training.evaluation.old_dives import falls
 from tokt.training.parallel import mapped
 
-from .choose_operating_point import FalseStatusTarget
+from .choose_operating_point import DIVE, FalseStatusTarget
 from .classifier import Tables, decision_values, fit_rows, in_parts
 from .cross_validation import Split
 from .presets import Hyperparameters, TrainingSettings
-from .train import Trained, TrainRequest
+from .train import TrainRequest
 from .whole_frames import WholeFrames, judged
 
 COUNTS = (1, 2, 3, 5, 8, 13, 21)
 """Labelled frames of the new dive that a point of the curve is learnt from; a third are left."""
+USUAL = 1.0
+TIMES = (4.0, 2.0, USUAL, 0.5, 0.25, 0.125, 0.0625, 0.03125)
+"""How many times its usual share the new dive may count.
+
+More of it helps the new dive, and costs the old ones more (docs/explanation/waters.md).
+"""
 _MIN_LAST, _MIN_STEPS = 3, 3  # labelled frames, and orders, that tell what the next ones bring
 _SMALL = 0.01  # of F1
 _MOST = 0.75  # of the orders
@@ -50,7 +58,6 @@ class KnownModel:
     split: Split
     choice: Hyperparameters
     fold_choices: list[Hyperparameters]
-    held_out: F64  # (n_patches,): obstacle scores of patches not learnt from; NaN if not tested
 
 
 def known_model(registry: Registry, reference: str, datasets: Path) -> KnownModel:
@@ -79,17 +86,21 @@ def known_model(registry: Registry, reference: str, datasets: Path) -> KnownMode
         judged = split.cut(dataset.patches, dataset.targets())
         if len(judged) != len(fold_choices):
             raise ValueError(f"{len(judged)} folds, choices of {len(fold_choices)}")
-    held_out = table.obstacle_score.where(table.fold >= 0).to_numpy(np.float64)
-    return KnownModel(bundle, dataset, *asked, settings, split, choice, fold_choices, held_out)
+    return KnownModel(bundle, dataset, *asked, settings, split, choice, fold_choices)
 
 
 def adapted_request(
-    known: KnownModel, dataset: DatasetVersion, by: str | None = None, sites: Sequence[str] = ()
+    known: KnownModel,
+    dataset: DatasetVersion,
+    by: str | None = None,
+    sites: Sequence[str] = (),
+    added: Mapping[str, float] | None = None,
 ) -> TrainRequest:
     """A request for the model's next version: all as before, and the new dive.
 
     `dataset` is the model's, with the new dive. `by` and `sites` are as for `Split.of`; what is
-    left open is the model's own, but for one of a single dive.
+    left open is the model's own, but for one of a single dive. `added` is as of `Split`, of the new
+    dive.
 
     Raises ToktError as `Split.of`; or if the new dive has a class that the model does not tell.
     """
@@ -106,7 +117,11 @@ def adapted_request(
         bundle.extractor,
         known.extractor_name,
         known.settings,
-        split if sites else replace(split, sites={**old.sites, **split.sites}),
+        replace(
+            split,
+            sites=split.sites if sites else {**old.sites, **split.sites},
+            added={**old.added, **(added or {})},
+        ),
         target=known.target,
         search=bundle.content.provenance.get("search"),
         selection=f"Extractor and settings are those of {bundle.label}.",
@@ -130,7 +145,7 @@ class _NewDive:
         augmented: Tables,
         whole: WholeFrames | None,
     ) -> None:
-        self.known, self.dataset = known, request.dataset
+        self.known, self.request, self.dataset = known, request, request.dataset
         self.patches, self.targets = self.dataset.patches, self.dataset.targets()
         self.obstacle = self.dataset.obstacles()
         mine = (self.patches.mission == name).to_numpy()
@@ -163,12 +178,13 @@ class _NewDive:
         tested = np.isin(self.place, np.flatnonzero(self.unseen[list(learnt)].all(axis=0)))
         return Fold(np.sort(np.concatenate([self.old_rows, self.rows[mine]])), self.rows[tested])
 
-    def old_folds(self) -> Iterator[Fold]:
-        """The old model's folds; the new dive is learnt too, but for copies of what is tested."""
+    def old_folds(self, learnt: bool) -> Iterator[Fold]:
+        """The old model's folds; `learnt`: the new dive too, but for copies of what is tested."""
         old = self.known.dataset
         for fold in self.known.split.cut(old.patches, old.targets()):
             test = self.old_rows[fold.test]
             mine = self.rows[~np.isin(self.group[self.rows], self.group[test])]
+            mine = mine if learnt else mine[:0]
             yield Fold(np.sort(np.concatenate([self.old_rows[fold.train], mine])), test)
 
     def task(self, fold: Fold, choice: Hyperparameters) -> tuple[Any, ...]:
@@ -199,63 +215,136 @@ def _both(truth: Bools, before: F64, after: F64) -> dict[str, Any]:
     }
 
 
+@dataclass(frozen=True)
+class Adaptation:
+    """What learning a new dive too gains and costs, before anything is registered."""
+
+    request: TrainRequest  # of the next version
+    told: dict[str, Any]  # as `adaptation` says; plain JSON
+
+    @property
+    def worse(self) -> list[str]:
+        """What the old dives lose beyond the rule (`falls`), a line each."""
+        return list(self.told["worse"])
+
+
 def adaptation(
     known: KnownModel,
-    trained: Trained,
+    dataset: DatasetVersion,
     name: str,
     cache: Path,
     progress: Callable[..., Any],
     draws: int,
     jobs: int = -1,
-) -> dict[str, Any]:
-    """What learning a new dive too gained, what it cost, and what more labels would bring.
+    by: str | None = None,
+    sites: Sequence[str] = (),
+    forced: bool = False,
+) -> Adaptation:
+    """Find how much a new dive may count, what it gains, costs, and what more labels would bring.
 
-    `trained` is the version by `adapted_request`, `name` the new dive, whose frames are labelled in
-    `draws` orders, drawn with a fixed seed. Nothing is chosen: fits have the model's own C, those
-    of the old folds the folds'; a boundary that moves with the water starts from the model's own
-    prior.
+    The dive counts by the most of `TIMES` at which the old dives lose no more than the rule allows,
+    held out as the old model held them out; they are bisected. Nothing is chosen on the new dive's
+    frames: fits have the model's own C, those of the old folds the folds'; a boundary that moves
+    with the water starts from the model's own prior.
 
-    Returns JSON: mission, before (the model), labelled, gained (null where nothing can be told),
-    lost (by old dive), curve (a dict a number of labelled frames), rate_unknown, words.
+    Parameters
+    ----------
+    dataset : DatasetVersion
+        The model's, with the new dive.
+    name : str
+        The new dive.
+    draws : int
+        Orders in which its frames are labelled, drawn with a fixed seed.
+    by, sites
+        As for `adapted_request`.
+    forced : bool
+        Whether the dive counts its usual share, whatever the old dives lose.
+
+    Returns
+    -------
+    Adaptation
+        Its JSON: mission, before (the model), labelled, times (how many times its share the dive
+        counts), lost (by old dive), worse (`falls`), tried (times and worse of all that were
+        tried), gained (null where nothing can be told), curve (a dict a number of labelled frames).
     """
-    data, spec = trained.request.dataset, known.bundle.extractor.spec
-    moving = known.settings.moving_boundary
-    features = cached_features(data, spec, cache, progress, jobs, whole_frames=moving)
+    spec, moving = known.bundle.extractor.spec, known.settings.moving_boundary
+    features = cached_features(dataset, spec, cache, progress, jobs, whole_frames=moving)
     augmented = [
-        changed_patches(data, spec, change, cache, progress, jobs)
+        changed_patches(dataset, spec, change, cache, progress, jobs)
         for change in known.settings.changes
     ]
-    whole = WholeFrames.of(data, features) if moving else None
+    whole = WholeFrames.of(dataset, features) if moving else None
     with ThreadpoolController().limit(limits=1):
-        dive = _NewDive(known, trained.request, name, features, augmented, whole)
-        orders, frames = _orders(dive, known.bundle, draws), len(dive.frames)
-        counts = [count for count in COUNTS if count <= frames - max(1, frames // 3)]
-        others = [frozenset(np.flatnonzero(row).tolist()) for row in dive.unseen.T]
-        wanted = {frozenset(order[:count]) for order in orders for count in counts} | {*others}
-        folds = {some: dive.fold(some) for some in sorted(wanted, key=sorted) if some}
-        folds = {some: fold for some, fold in folds.items() if len(fold.test)}
-        pairs = [(fold, known.choice) for fold in folds.values()]
-        pairs += zip(dive.old_folds(), known.fold_choices, strict=True)
-        found = mapped(_tested, [dive.task(*pair) for pair in pairs], jobs)
-        values = iter([*progress(found, len(pairs), "with and without the new dive")])
-    by_learnt = {some: dive.scores(next(values), fold.test) for some, fold in folds.items()}
-    by_learnt[frozenset()] = np.where(dive.testable[dive.place], dive.before, np.nan)
-    chosen = trained.operating_point.chosen
+
+        def dive_counting(times: float) -> _NewDive:
+            request = adapted_request(known, dataset, by, sites, {name: times})
+            return _NewDive(known, request, name, features, augmented, whole)
+
+        usual = dive_counting(USUAL)
+        before = _old_scores(usual, False, progress, jobs)
+        several = TIMES if usual.request.split.weight == DIVE and not forced else (USUAL,)
+        tried: dict[float, dict[str, Any]] = {}
+        low, high = 0, len(several)
+        while low < high or not tried:
+            times = several[(low + high) // 2]
+            dive = dive_counting(times)
+            lost = _lost(dive, before, _old_scores(dive, True, progress, jobs))
+            tried[times] = {"times": times, "lost": lost, "worse": _worse(lost)}
+            if tried[times]["worse"]:
+                low = (low + high) // 2 + 1
+            else:
+                high = (low + high) // 2
+        chosen = tried[several[min(high, len(several) - 1)]]
+        dive = dive_counting(chosen["times"])
+        gained, curve = _gained_and_curve(dive, _orders(dive, known.bundle, draws), progress, jobs)
     told: dict[str, Any] = {
         "mission": name,
         "before": known.bundle.label,
         "labelled": {
-            "frames": frames,
+            "frames": len(dive.frames),
             "patches": len(dive.rows),
             "obstacles": int(dive.obstacle[dive.rows].sum()),
             "of_old_blocks": int((~dive.testable).sum()),
         },
-        "gained": _gained(dive, [by_learnt.get(some) if some else None for some in others]),
-        "lost": _lost(dive, list(zip(dive.old_folds(), values, strict=True))),
-        "curve": [_point(dive, count, orders, by_learnt) for count in (0, *counts)],
-        "rate_unknown": chosen["method"] == "none" or name in chosen.get("rate_unknown_in", ()),
+        **chosen,
+        "tried": [
+            {key: one[key] for key in ("times", "worse")}
+            for _, one in sorted(tried.items(), reverse=True)
+        ],
+        "gained": gained,
+        "curve": curve,
     }
-    return {**told, "words": _words(told)}
+    return Adaptation(dive.request, {**told, "words": _words(told)})
+
+
+def with_rate(told: Mapping[str, Any], operating_point: OperatingPoint) -> dict[str, Any]:
+    """Add whether the rate of false statuses in the new dive is unknown (rate_unknown, words)."""
+    name, chosen, words = told["mission"], operating_point.chosen, told["words"]
+    unknown = chosen["method"] == "none" or name in chosen.get("rate_unknown_in", ())
+    if unknown:
+        words = [*words, f"Rate of false statuses in {name}: unknown."]
+    return {**told, "rate_unknown": unknown, "words": words}
+
+
+def _gained_and_curve(
+    dive: _NewDive, orders: list[list[int]], progress: Callable[..., Any], jobs: int
+) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
+    """What the new dive's frames gain, and that by the number of frames that were labelled."""
+    frames = len(dive.frames)
+    counts = [count for count in COUNTS if count <= frames - max(1, frames // 3)]
+    others = [frozenset(np.flatnonzero(row).tolist()) for row in dive.unseen.T]
+    wanted = {frozenset(order[:count]) for order in orders for count in counts} | {*others}
+    folds = {some: dive.fold(some) for some in sorted(wanted, key=sorted) if some}
+    folds = {some: fold for some, fold in folds.items() if len(fold.test)}
+    tasks = [dive.task(fold, dive.known.choice) for fold in folds.values()]
+    values = progress(mapped(_tested, tasks, jobs), len(tasks), "with some of the new dive")
+    by_learnt = {
+        some: dive.scores(one, fold.test)
+        for (some, fold), one in zip(folds.items(), values, strict=True)
+    }
+    by_learnt[frozenset()] = np.where(dive.testable[dive.place], dive.before, np.nan)
+    gained = _gained(dive, [by_learnt.get(some) if some else None for some in others])
+    return gained, [_point(dive, count, orders, by_learnt) for count in (0, *counts)]
 
 
 def _orders(dive: _NewDive, bundle: Bundle, draws: int) -> list[list[int]]:
@@ -279,17 +368,32 @@ def _orders(dive: _NewDive, bundle: Bundle, draws: int) -> list[list[int]]:
     return [np.searchsorted(dive.frames, list(queued)).tolist(), *drawn]
 
 
-def _lost(dive: _NewDive, tested: Sequence[tuple[Fold, F64]]) -> dict[str, Any]:
-    """Each old dive, held out as the old model did: without the new dive, and with it."""
-    before, after = (np.full(len(dive.targets), np.nan) for _ in range(2))
-    before[dive.old_rows] = dive.known.held_out
-    for fold, values in tested:
-        after[fold.test] = dive.known.bundle.model.obstacle_score(values)
+def _old_scores(dive: _NewDive, learnt: bool, progress: Callable[..., Any], jobs: int) -> F64:
+    """Scores of the old dives, held out as the old model did, with or without the new dive."""
+    folds = list(dive.old_folds(learnt))
+    pairs = zip(folds, dive.known.fold_choices, strict=True)
+    found = mapped(_tested, [dive.task(*pair) for pair in pairs], jobs)
+    what = f"the old dives {'with' if learnt else 'without'} the new one"
+    scores = np.full(len(dive.targets), np.nan)
+    for fold, values in zip(folds, progress(found, len(folds), what), strict=True):
+        scores[fold.test] = dive.known.bundle.model.obstacle_score(values)
+    return scores
+
+
+def _lost(dive: _NewDive, before: F64, after: F64) -> dict[str, Any]:
+    """Figures of each old dive, given the scores without the new dive and with it."""
     told = np.isfinite(before) & np.isfinite(after)
     return {
         str(name): _both(*(one[rows] for one in (dive.obstacle, before, after)))
         for name, rows in dive.patches[told].groupby("mission").groups.items()
     }
+
+
+def _worse(lost: dict[str, Any]) -> list[str]:
+    before, after = (
+        {name: one[when]["f1"] for name, one in lost.items()} for when in ("before", "after")
+    )
+    return falls(before, after)
 
 
 def _gained(dive: _NewDive, others: Sequence[F64 | None]) -> dict[str, Any] | None:
@@ -352,10 +456,23 @@ def _words(told: dict[str, Any]) -> list[str]:
     )
     fell = f"WORSE: {worse}" if worse else f"F1 fell by {_SMALL} in none"
     words.append(f"Elsewhere, {counted(len(changes), 'old dive')}, held out as before: {fell}.")
+    words.append(_counts(told))
     words.append(f"More labels: {_more(told['curve'])}.")
-    if told["rate_unknown"]:
-        words.append(f"Rate of false statuses in {name}: unknown.")
     return words
+
+
+def _counts(told: dict[str, Any]) -> str:
+    """How much the new dive counts, and why no more."""
+    name, times = told["mission"], told["times"]
+    counts = f"{name} counts {times:g} times the usual share of a dive of so many patches"
+    more = [one for one in told["tried"] if one["times"] > times and one["worse"]]
+    if told["worse"]:
+        return f"TOO MUCH IS LOST where {counts}: {'; '.join(told['worse'])}."
+    if more:
+        return f"{counts}; with {more[-1]['times']:g} times too much is lost: " + (
+            f"{'; '.join(more[-1]['worse'])}."
+        )
+    return f"{counts}."
 
 
 def _more(curve: list[dict[str, Any]]) -> str:

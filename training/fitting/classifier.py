@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from sklearn.svm import LinearSVC
 from tokt.features.common.arrays import F64, I64
 from tokt.models.linear import LinearModel
 from tokt.training.datasets.changed_patches import ChangedPatches
-from tokt.training.datasets.splits import dive_weights
+from tokt.training.datasets.splits import Dives
 
 from .presets import Hyperparameters, TrainingSettings
 
@@ -36,7 +37,7 @@ def fit_rows(
     choice: Hyperparameters,
     settings: TrainingSettings,
     augmented: Tables = (),
-    dives: I64 | None = None,
+    dives: Dives | None = None,
 ) -> Pipeline:
     """Fit to some patches, as they are and as they look on augmented frames.
 
@@ -44,6 +45,8 @@ def fit_rows(
     not lost. Each class, and of a dive what was drawn, then counts by as much as among all patches;
     the mean weight stays 1, so that C acts as on so few. Of augmented frames each dive counts
     `settings.change_weight` times as much as of frames as they are, however many patches it has.
+    Dives that were added to a model (`Dives.added`) change neither scaler nor map, nor what is
+    drawn of the others: the linear model alone learns from them.
 
     Parameters
     ----------
@@ -55,16 +58,52 @@ def fit_rows(
         As for `fit_classifier`.
     augmented : sequence of ChangedPatches
         Patches of augmented frames; learnt from are those whose source is among `rows`.
-    dives : array of int, shape (n_patches,), optional
-        The dive of each patch, which then count as in `dive_weights`; by default each patch does.
+    dives : Dives, optional
+        The dive of each patch, which then count by `Dives.weights`; by default patches count alike.
     """
-    own, landmarks = None if dives is None else dives[rows], None
-    if own is not None and len(np.unique(own)) == 1:
-        own = None
-    parts = np.ones(len(rows)) if own is None else dive_weights(own)
+    own, parts = None, np.ones(len(rows))
+    if dives is not None and len(np.unique(dives.number[rows])) > 1:
+        own, parts = dives.number[rows], dives.part(rows).weights()
+        added = dives.added[own]
+        if added.any() and not added.all():
+            kept, late = (
+                _learning_set(features, targets, rows[of], own[of], parts[of], settings, augmented)
+                for of in (~added, added)
+            )
+            steps = _fitted_steps(kept, settings)
+            return _fit_linear(_joined([kept, late]), choice, settings, steps)
+    learnt = _learning_set(features, targets, rows, own, parts, settings, augmented)
+    return fit_classifier(
+        *(learnt.features, learnt.targets, choice, settings),
+        *(learnt.weights, learnt.scaled_by, learnt.landmarks),
+    )
+
+
+@dataclass(frozen=True)
+class _LearningSet:
+    """The patches that a fit learns from."""
+
+    features: F64  # (n, dim)
+    targets: I64  # (n,)
+    weights: F64 | None  # (n,), as `fit_classifier` takes them, like the two below
+    scaled_by: F64 | None = None
+    landmarks: F64 | None = None
+    share: float = 1.0  # how much all of them count, over the sum of their weights
+
+
+def _learning_set(
+    features: F64,
+    targets: I64,
+    rows: I64,
+    own: I64 | None,
+    parts: F64,
+    settings: TrainingSettings,
+    augmented: Tables,
+) -> _LearningSet:
+    """Draw what to learn from; `own` and `parts` are dive and weight of each of `rows`."""
+    landmarks, all_rows = None, parts.sum()
     scaled = own is not None or len(rows) > settings.max_samples
     changed = [changed_rows(table, rows, own, parts, settings) for table in augmented]
-    all_rows = parts.sum()
     if len(rows) > settings.max_samples:
         if settings.landmarks:
             landmarks = features[rows[drawn(parts, settings.landmarks, settings.seed)]]
@@ -76,10 +115,23 @@ def fit_rows(
         known.append(targets[table.source[at]])
         counted.append(share * (parts.sum() / all_rows))
     weights = [parts, *(settings.change_weight * part for part in counted[1:])]
-    return fit_classifier(
-        *(np.concatenate(tables), np.concatenate(known), choice, settings),
+    return _LearningSet(
+        np.concatenate(tables),
+        np.concatenate(known),
         np.concatenate(weights),
-        *(np.concatenate(counted) if scaled else None, landmarks),
+        np.concatenate(counted) if scaled else None,
+        landmarks,
+        all_rows / parts.sum(),
+    )
+
+
+def _joined(sets: Sequence[_LearningSet]) -> _LearningSet:
+    """Some sets as one, each with its share; the weights are of the first one's size."""
+    weights = [np.asarray(one.weights) * (one.share / sets[0].share) for one in sets]
+    return _LearningSet(
+        np.concatenate([one.features for one in sets]),
+        np.concatenate([one.targets for one in sets]),
+        np.concatenate(weights),
     )
 
 
@@ -145,11 +197,37 @@ def fit_classifier(
     landmarks : array of float64, shape (n_landmarks, dim), optional
         Features of the map's landmarks; by default some of `features`, drawn by weight.
     """
-    features = np.asarray(features)
-    parts = np.ones(len(features)) if weights is None else weights
+    learnt = _LearningSet(np.asarray(features), targets, weights, scaled_by, landmarks)
+    return _fit_linear(learnt, choice, settings, _fitted_steps(learnt, settings))
+
+
+def _fitted_steps(
+    learnt: _LearningSet, settings: TrainingSettings
+) -> list[tuple[str, TransformerMixin]]:
+    """Fit what comes before the linear model."""
+    parts = np.ones(len(learnt.features)) if learnt.weights is None else learnt.weights
+    landmarks = learnt.landmarks
+    if landmarks is None and settings.landmarks:
+        landmarks = learnt.features[drawn(parts, settings.landmarks, settings.seed)]
+    if landmarks is not None:
+        return _fitted_map(learnt.features, parts, landmarks, settings)
+    if settings.scale:
+        scaler = StandardScaler().fit(learnt.features, sample_weight=learnt.scaled_by)
+        return [("scaler", scaler)]
+    return []
+
+
+def _fit_linear(
+    learnt: _LearningSet,
+    choice: Hyperparameters,
+    settings: TrainingSettings,
+    steps: list[tuple[str, TransformerMixin]],
+) -> Pipeline:
+    weights = learnt.weights
     shared: dict[str, Any] = {"C": choice.penalty, "class_weight": choice.class_weight}
     linear: LinearSVC | LogisticRegression
     if settings.logistic:
+        parts = np.ones(len(learnt.features)) if weights is None else weights
         weights = parts * (_LOGISTIC_WEIGHT / parts.sum())
         linear = LogisticRegression(**shared, solver="newton-cholesky")
     else:
@@ -157,15 +235,10 @@ def fit_classifier(
         linear = LinearSVC(
             **shared, random_state=settings.seed, dual=not settings.scale, max_iter=5000
         )
-    if landmarks is None and settings.landmarks:
-        landmarks = features[drawn(parts, settings.landmarks, settings.seed)]
-    steps = [] if landmarks is None else _fitted_map(features, parts, landmarks, settings)
-    if settings.scale and not steps:
-        steps = [("scaler", StandardScaler().fit(features, sample_weight=scaled_by))]
-    mapped = Pipeline(steps).transform(features) if steps else features
+    mapped = Pipeline(steps).transform(learnt.features) if steps else learnt.features
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        linear.fit(mapped, targets, sample_weight=weights)
+        linear.fit(mapped, learnt.targets, sample_weight=weights)
     return Pipeline([*steps, ("svc", linear)])
 
 

@@ -4,6 +4,7 @@ Before it, what cannot be learnt from or tested is refused; after it come the fi
 """
 
 import ast
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,6 +23,7 @@ from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion
 from tokt.training.datasets.splits import (
     MAX_HELD_OUT_ALONE,
     MAX_JUDGED,
+    Dives,
     Fold,
     blocked_folds,
     dive_folds,
@@ -66,12 +68,17 @@ class Split:
     weight: str = PATCH  # or DIVE: whether each patch counts the same, or each dive
     # By mission: where it is by dive, all dives of a site are held out together.
     sites: Mapping[str, str] = field(default_factory=dict)
+    # By mission: how many times its usual share a dive counts that was added to a model, where
+    # each dive counts the same. Scaler and map are those of the other dives.
+    added: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.folds < 2 or not 0 <= self.embargo_frames < 1 << 31:
             raise ValueError(f"{self.folds} folds, {self.embargo_frames} frames apart")
         if self.by not in (DIVE, BLOCK) or self.weight not in (DIVE, PATCH):
             raise ValueError(f"split by {self.by}, weight by {self.weight}")
+        if not all(0 < times < math.inf for times in self.added.values()):
+            raise ValueError(f"added dives count {self.added} times their share")
 
     @classmethod
     def of(
@@ -114,6 +121,10 @@ class Split:
             parameters.get("split_by", BLOCK),
             parameters.get("split_weight", PATCH),
             _texts(ast.literal_eval(parameters.get("split_sites", "{}"))),
+            {
+                str(mission): float(times)
+                for mission, times in ast.literal_eval(parameters.get("split_added", "{}")).items()
+            },
         )
 
     @property
@@ -156,10 +167,10 @@ class Split:
                 return what
         return BLOCKS
 
-    def dives(self, patches: pd.DataFrame) -> I64 | None:
+    def dives(self, patches: pd.DataFrame) -> Dives | None:
         """The dive of each patch where there are several that count the same, for `fit_rows`."""
         several = self.weight == DIVE and patches.mission.nunique() > 1
-        return pd.factorize(patches.mission)[0] if several else None
+        return Dives.of(patches.mission.to_numpy(), self.added) if several else None
 
     def judged(self, patches: pd.DataFrame, targets: I64) -> I64:
         """Rows to cross-validate: all, or of more than `MAX_JUDGED` some blocks of every site."""
@@ -265,7 +276,7 @@ def choose_hyperparameters(
 
 
 _Fit = tuple[
-    F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, I64 | None, WholeFrames | None
+    F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, Dives | None, WholeFrames | None
 ]
 """One fold of one candidate: features, targets, fold, choice, settings, augmented, dives, whole."""
 

@@ -209,7 +209,7 @@ def _written_artifacts(folder: Path, trained: Trained, model_id: str) -> dict[st
     """What the run holds beside the bundle, written into a folder."""
     recipe = json.dumps(_recipe(trained, model_id), indent=2, sort_keys=True)
     (folder / "recipe.json").write_text(recipe + "\n", "utf-8")
-    _held_out_table(trained).to_parquet(folder / "held_out.parquet", index=False)
+    held_out_table(trained).to_parquet(folder / "held_out.parquet", index=False)
     return {file.name: file.read_bytes() for file in folder.iterdir()}
 
 
@@ -287,7 +287,7 @@ def _register(
         least = int(registered.version) + 1
 
 
-def _held_out_table(trained: Trained) -> pd.DataFrame:
+def held_out_table(trained: Trained) -> pd.DataFrame:
     """What each patch was called by a model that did not learn from it."""
     dataset, values = trained.request.dataset, trained.held_out.values
     return dataset.patches.assign(
@@ -376,13 +376,17 @@ def log_and_register(
     return registry.set_alias(registered.label, NEWEST_ALIAS)
 
 
-def log_adaptation(found: dict[str, Any], registered: RegisteredVersion, registry: Registry) -> str:
-    """Keep what `adaptation` found with the version's run; the same as an HTML page."""
-    page = report_page(__package__ or "", found=found, label=registered.label)
+def adaptation_page(told: dict[str, Any], label: str) -> str:
+    """Return what `adaptation` tells of a version as an HTML page."""
+    return report_page(__package__ or "", found=told, label=label)
+
+
+def log_adaptation(told: dict[str, Any], registered: RegisteredVersion, registry: Registry) -> None:
+    """Keep what `adaptation` tells with the version's run, as JSON and as a page."""
+    page = adaptation_page(told, registered.label)
     with registry.reported():
-        registry.client.log_dict(registered.run_id, found, "tokt/adaptation.json")
+        registry.client.log_dict(registered.run_id, told, "tokt/adaptation.json")
         registry.client.log_text(registered.run_id, page, "tokt/adaptation.html")
-    return page
 
 
 def _log_card(registered: RegisteredVersion, card: str, registry: Registry) -> None:

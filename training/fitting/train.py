@@ -219,7 +219,9 @@ def _folds_in_words(request: TrainRequest) -> str:
             f"figures may be too good.{_changes(request.settings)}{_drawn(request)}"
         )
     weighed = split.dives(request.dataset.patches) is not None
-    weights = " A dive counts by the root of its patches in learning." if weighed else ""
+    weights = " A dive counts by the root of its patches in learning" if weighed else ""
+    more = ", ".join(f"{dive} {times:g} times that" for dive, times in sorted(split.added.items()))
+    weights += (f", {more}." if more else ".") if weighed else ""
     rest = f"{_DECIDED}{weights}{_changes(request.settings)}{_drawn(request)}"
     candidates = f"{_candidates(request.settings)} chosen inside each training part"
     unit = split.unit(request.dataset.patches)

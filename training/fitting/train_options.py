@@ -9,11 +9,13 @@ from tokt.features.common.errors import ToktError
 from tokt.labels.formats.options import Progress, no_progress
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.registry.names import CHAMPION
 from tokt.models.registry.registration import RegisteredVersion
 from tokt.models.registry.registry import Registry, check_model_name
 from tokt.models.signing.passphrase import signing_key
 from tokt.training.datasets.augmentations import STRESS
 from tokt.training.datasets.dataset import DatasetVersion, open_dataset
+from tokt.training.evaluation.old_dives import held_out_falls
 from tokt.training.options import PathOrText, at_least, takes, texts
 
 from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget
@@ -27,7 +29,7 @@ from .presets import (
     weighted,
     with_augmentations,
 )
-from .tracking import log_and_register
+from .tracking import held_out_table, log_and_register
 from .train import Trained, TrainRequest, fit_and_measure
 
 AUTO = "auto"
@@ -74,6 +76,10 @@ class TrainedVersion:
     registered: RegisteredVersion  # as the registry lists it
     trained: Trained  # all that training found
     workspace: Path  # whose registry has it
+    # Of the champion of that name, or else of the newest version before: its label, and what its
+    # dives lost beyond the rule; None where nothing can be compared.
+    before: str = ""
+    worse: list[str] | None = None
 
     def __repr__(self) -> str:
         f1 = self.metrics["patch"]["f1"]
@@ -113,6 +119,7 @@ class TrainedVersion:
             "class_weight": self.trained.choice.class_weight,
             "cv": self.metrics,
             "operating_point": self.operating_point.to_json(),
+            "old_dives": {"before": self.before, "worse": self.worse},
         }
 
 
@@ -174,7 +181,29 @@ def train(options: TrainOptions, *, progress: Progress = no_progress) -> Trained
     trained = fit_and_measure(
         request, workspace / "cache", progress, options.jobs, options.dask, tested
     )
-    return TrainedVersion(log_and_register(trained, registry, key), trained, workspace)
+    before = _replaced(registry, name)
+    version = TrainedVersion(log_and_register(trained, registry, key), trained, workspace)
+    return version if before is None else _compared(version, before, registry)
+
+
+def _replaced(registry: Registry, name: str) -> RegisteredVersion | None:
+    """The version that a new one stands against: the champion, or else the newest."""
+    versions = registry.versions(name)
+    champions = (one for one in versions if CHAMPION in one.aliases)
+    return next(champions, versions[0] if versions else None)
+
+
+def _compared(
+    version: TrainedVersion, before: RegisteredVersion, registry: Registry
+) -> TrainedVersion:
+    """The version with what the dives of the one before lost."""
+    try:
+        table = registry.held_out(before.label)
+    except ToktError:  # an older tokt kept none, or it is damaged
+        return replace(version, before=before.label)
+    obstacle = version.trained.request.dataset.obstacles()
+    worse = held_out_falls(table, held_out_table(version.trained), obstacle)
+    return replace(version, before=before.label, worse=worse)
 
 
 def _settings(options: TrainOptions, preset: str, data: DatasetVersion) -> TrainingSettings:

@@ -14,6 +14,7 @@ from typer import Argument, Option
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.common.terminal import print_json, say
 from tokt.features.common.workspace import DEFAULT_WORKSPACE
+from tokt.models.registry.names import CHAMPION
 from tokt.models.signing.passphrase import PASSPHRASE_VARIABLE, asked_passphrase, signing_key
 
 from .help import Commands
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 
 models_app = Commands("models", "List, show, promote and alias registered model versions.")
 
-CHAMPION = "champion"
 FlagsOption = Annotated[
     Path | None,
     Option(help="Taxonomy file that sets which classes are obstacles. Default: as trained."),

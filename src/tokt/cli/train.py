@@ -27,6 +27,8 @@ from .output import answer, figure, print_patches, progress, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:
+    from tokt.training.datasets.dataset import DatasetVersion
+    from tokt.training.fitting.adapt import KnownModel
     from tokt.training.fitting.train_options import TrainedVersion
 
 AUTO = "auto"
@@ -147,6 +149,10 @@ def adapt(
         int, Option(help="Orders of labelled frames, drawn by lot, in the curve.", min=1)
     ] = 5,
     output: ReportOption = None,
+    force: Annotated[
+        str | None,
+        Option(help="Register the version whatever the old dives lose; the reason is kept."),
+    ] = None,
     split: Annotated[
         str | None, Option(help="Hold out dives or blocks of frames. Default: as the model.")
     ] = None,
@@ -158,31 +164,64 @@ def adapt(
 ) -> None:
     """Train a model's next version on a new dive as well.
 
-    It tells what that gained there, and cost elsewhere. First label 5 to 10 frames of the dive that
-    the page leads to (tokt label DIR --model MODEL).
+    It tells what that gained there, and cost elsewhere. A version is refused if the F1 of an old
+    dive falls by more than 0.03, or their mean by more than 0.01. First label 5 to 10 frames of the
+    dive that the page leads to (tokt label DIR --model MODEL).
     """
     from tokt.features.common import atomic
-    from tokt.labels.record import NoLabelsError
     from tokt.models.registry.registry import Registry
     from tokt.models.signing.passphrase import signing_key
+    from tokt.training.fitting.adapt import adaptation, known_model, with_rate
+    from tokt.training.fitting.tracking import adaptation_page, log_adaptation, log_and_register
+    from tokt.training.fitting.train import fit_and_measure
+    from tokt.training.fitting.train_options import TrainedVersion
+
+    if force is not None and not force.strip():
+        raise ToktError("--force needs the reason in words")
+    registry, cache = Registry(workspace), workspace / "cache"
+    known, key = known_model(registry, model, workspace / "datasets"), signing_key(sign)
+    data, name = _with_new_dive(known, model, mission, labels or [], workspace)
+    asked = split, site or (), force is not None
+    found = adaptation(known, data, name, cache, progress, draws, jobs, *asked)
+    if found.worse and force is None:
+        if output:
+            atomic.write_text(output, adaptation_page(found.told, f"{known.bundle.name} (refused)"))
+        answer(json, {"adaptation": found.told}, lambda: _print_adaptation("The next", found.told))
+        raise ToktError(
+            f"no version was registered, because old dives would lose: {'; '.join(found.worse)}. "
+            f"Check the labels of {name}, or give --force WHY"
+        )
+    trained = fit_and_measure(found.request, cache, progress, jobs)
+    version = TrainedVersion(log_and_register(trained, registry, key), trained, workspace)
+    told = with_rate({**found.told, "forced": force}, version.operating_point)
+    log_adaptation(told, version.registered, registry)
+    if output:
+        atomic.write_text(output, adaptation_page(told, version.label))
+    result = {**version.to_json(), "adaptation": told}
+
+    def show() -> None:
+        _print_training(version)
+        _print_adaptation(version.label, told)
+
+    answer(json, result, show)
+
+
+def _with_new_dive(
+    known: KnownModel, model: str, mission: Path, labels: list[Path], workspace: Path
+) -> tuple[DatasetVersion, str]:
+    """Write the next version of the model's dataset, with a new dive; return it and the dive."""
+    from tokt.labels.record import NoLabelsError
     from tokt.training.datasets.dataset import write_dataset
     from tokt.training.datasets.mission_source import (
         labelled_missions,
         plan_from_missions,
         plan_with,
     )
-    from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
     from tokt.training.fitting.presets import preset_for
-    from tokt.training.fitting.tracking import log_adaptation, log_and_register
-    from tokt.training.fitting.train import fit_and_measure
-    from tokt.training.fitting.train_options import TrainedVersion
 
-    registry, root, cache = Registry(workspace), workspace / "datasets", workspace / "cache"
-    known, key = known_model(registry, model, root), signing_key(sign)
     base = known.dataset
     try:
-        given = [mission], labels or [], workspace, base.taxonomy, base.grid
-        missions = labelled_missions(*given, say)
+        missions = labelled_missions([mission], labels, workspace, base.taxonomy, base.grid, say)
         if len(missions) > 1:
             raise ToktError("adapt takes one new dive at a time")
         plan, remarks = plan_from_missions(
@@ -198,27 +237,17 @@ def adapt(
         ) from None
     for remark in remarks:
         say(f"note: {remark}")
-    name = missions[0].name
-    data = write_dataset(plan_with(base, plan), root, progress)
+    data = write_dataset(plan_with(base, plan), workspace / "datasets", progress)
     if preset_for(known.settings.preset, data) != known.settings.preset:
         say(
             f"note: {known.bundle.label} was made for one dive's water, and its features stay; "
             f"tokt train {base.name} makes a model for several"
         )
-    request = adapted_request(known, data, split, site or ())
-    trained = fit_and_measure(request, cache, progress, jobs)
-    found = adaptation(known, trained, name, cache, progress, draws, jobs)
-    version = TrainedVersion(log_and_register(trained, registry, key), trained, workspace)
-    page = log_adaptation(found, version.registered, registry)
-    if output:
-        atomic.write_text(output, page)
-    result = {**version.to_json(), "adaptation": found}
-    answer(json, result, lambda: _print_adaptation(version, found))
+    return data, missions[0].name
 
 
-def _print_adaptation(version: TrainedVersion, found: dict[str, Any]) -> None:
-    _print_training(version)
-    print(f"{version.label} beside {found['before']}, which did not learn of {found['mission']}:")
+def _print_adaptation(label: str, found: dict[str, Any]) -> None:
+    print(f"{label} beside {found['before']}, which did not learn of {found['mission']}:")
     for words in found["words"]:
         print(f"  {words}")
     print("  labelled frames   F1: mean  worst  queue   before")
@@ -252,6 +281,8 @@ def _print_training(version: TrainedVersion) -> None:
     point = version.operating_point
     print(f"  operating point: {point.rule.words()}")
     print(f"  {point.chosen['words']}")
+    if version.worse:
+        print(f"  WORSE than {version.before} on its dives: {'; '.join(version.worse)}")
     if not metrics["converged"]:
         print("  the solver stopped at its iteration limit (unscaled features)")
 

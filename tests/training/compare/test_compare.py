@@ -160,7 +160,7 @@ def test_what_cannot_be_compared_is_one_line(compared, refused, arguments, said)
     refused(said, "compare", *arguments, "--workspace", compared.workspace)
 
 
-def test_another_dataset_needs_a_mission(compared, monkeypatch):
+def test_another_dataset_that_is_gone_needs_a_mission(compared, monkeypatch):
     recipe = Registry.recipe
 
     def another(self, version):
@@ -170,7 +170,7 @@ def test_another_dataset_needs_a_mission(compared, monkeypatch):
         return found
 
     monkeypatch.setattr(Registry, "recipe", another)
-    data = "learnt from dataset tiny@.*from part@0000: train both on one dataset, or give --mission"
+    data = "part@0000 of .* is not in this workspace, .* train all on one, or give --mission"
     refuses(data, read_held_out, [LBP, THESIS], compared.workspace)
 
 

@@ -186,7 +186,10 @@ def test_worse_on_one_dive_is_a_fault_whatever_the_other_shows(judged):
     found = judge_candidate(blinded(judged, "b"), 60_000)
     worse = {(row["dive"], row["figure"]) for row in found["table"] if row["worse"]}
     assert worse == {("b", "F1"), ("b", SEEN)}
-    assert [words.partition(": ")[0] for words in found["faults"]] == ["worse on dive b"] * 2
+    assert [words.partition(": ")[0] for words in found["faults"]] == [
+        *["worse on dive b"] * 2,
+        *["old dives lose too much"] * 2,  # dive b, and the mean
+    ]
     # Two dives cannot show a difference over dives.
     both = next(row for row in found["table"] if not row["dive"])
     assert both["candidate"] < both["champion"] and not both["worse"]

@@ -20,6 +20,7 @@ from tokt.training.datasets.changed_patches import (
 )
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.frame_changes import WIDTH, at_width, changed
+from tokt.training.datasets.splits import Dives
 from tokt.training.fitting.classifier import fit_rows
 from tokt.training.fitting.presets import Hyperparameters, settings_named
 
@@ -129,7 +130,7 @@ def test_only_changes_of_training_patches_are_learnt_from_and_dives_keep_their_w
     table = ChangedPatches(100.0 + source[:, None] * np.ones(3), source)
     train = np.arange(0, 40, 2)
     preset = replace(settings_named("water"), landmarks=0, change_weight=0.5)
-    fit_rows(features, targets, train, Hyperparameters(1.0), preset, [table], dives)
+    fit_rows(features, targets, train, Hyperparameters(1.0), preset, [table], Dives.of(dives))
     changed = seen["features"][:, 0] >= 100
     learnt = seen["features"][changed, 0].astype(int) - 100
     assert set(learnt) <= set(train.tolist())

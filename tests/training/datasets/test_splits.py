@@ -11,10 +11,10 @@ from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.training.datasets.splits import (
     FULL_DIVE,
+    Dives,
     block_of,
     blocked_folds,
     dive_folds,
-    dive_weights,
     every_nth_block,
     held_out_together,
     sites_named,
@@ -126,10 +126,10 @@ def test_sites_are_told_by_name():
 
 
 def test_a_dive_weighs_by_the_root_of_its_patches_and_a_patch_one_in_the_mean():
-    weights = dive_weights(np.array(list("aaaab")))
+    weights = Dives.of(np.array(list("aaaab"))).weights()
     assert weights.tolist() == pytest.approx([5 / 6] * 4 + [5 / 3]) and weights.mean() == 1
     dives = np.repeat([0, 1, 2], [FULL_DIVE // 4, FULL_DIVE, 5 * FULL_DIVE])
-    sums = np.bincount(dives, dive_weights(dives))
+    sums = np.bincount(dives, Dives.of(dives).weights())
     assert sums[1:] / sums[0] == pytest.approx([2, 2]), "a long dive counts no more than a full one"
 
 

@@ -11,11 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.calls import refuses
+from tests.calls import call_tokt, refuses
 from tests.fixtures import quiet, write_labels
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.splits import Dives
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.fitting import adapt
 from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
@@ -73,7 +74,9 @@ def again(three):
     workspace = three["workspace"]
     known = known_model(Registry(workspace), "tower/1", workspace / "datasets")
     data = open_dataset("old", workspace / "datasets")
-    trained = fit_and_measure(adapted_request(known, data), workspace / "cache", quiet, 1)
+    times = three["found"]["adaptation"]["times"]
+    request = adapted_request(known, data, added={"night": times})
+    trained = fit_and_measure(request, workspace / "cache", quiet, 1)
     return known, data, trained, workspace / "cache"
 
 
@@ -99,11 +102,14 @@ def test_the_old_model_is_as_it_was_and_the_next_is_trained_as_it_was(three):
     assert (old.aliases, new.aliases) == (("champion",), ("challenger",))
     was, now = registry.parameters(old), registry.parameters(new)
     free = {"dataset", "dataset_hash", "penalty_chosen", *(one for one in now if "rule_" in one)}
-    free -= {"target_frame_rule"}
+    free = free - {"target_frame_rule"} | {"split_added"}
     assert {name: was[name] for name in was if name not in free} == {
         name: now[name] for name in now if name not in free
     }
     assert was["target_confidence"] == "0.7" and was["split_by"] == "dive"
+    times = three["found"]["adaptation"]["times"]
+    assert (was["split_added"], now["split_added"]) == ("{}", f"{{'night': {times}}}")
+    assert f"night {times:g} times that" in registry.recipe(new)["metrics"]["split"]
     client = mlflow.MlflowClient(f"sqlite:///{three['workspace']}/mlflow.db")
     kept = Path(client.download_artifacts(new.run_id, "tokt", str(page.parent)))
     assert json.loads((kept / "adaptation.json").read_text()) == three["found"]["adaptation"]
@@ -113,7 +119,7 @@ def test_the_old_model_is_as_it_was_and_the_next_is_trained_as_it_was(three):
 
 def test_split_and_sites_are_the_models_unless_asked_otherwise(again):
     known, data, trained, _ = again
-    assert trained.request.split == known.split
+    assert replace(trained.request.split, added={}) == known.split
     asked = adapted_request(known, data, "block", ["fjord=one,night"]).split
     assert (asked.by, asked.sites) == ("block", {"one": "fjord", "night": "fjord"})
     known = replace(known, split=replace(known.split, sites={"two": "fjord"}))
@@ -128,7 +134,8 @@ def test_without_a_labelled_frame_it_is_the_old_model(three, again):
     features = cached_features(data, known.bundle.extractor.spec, cache, quiet, 1)
     mission, targets = data.patches.mission.to_numpy(), data.targets()
     rows = np.flatnonzero(mission != "night")
-    model = fit_rows(features, targets, rows, known.choice, known.settings, (), mission)
+    dives = Dives.of(mission)
+    model = fit_rows(features, targets, rows, known.choice, known.settings, (), dives)
     new = mission == "night"
     figures = obstacle_metrics(targets[new] == 1, decision_values(model, features[new])[:, 0])
     first, gained = three["found"]["adaptation"]["curve"][0], three["found"]["adaptation"]["gained"]
@@ -138,7 +145,7 @@ def test_without_a_labelled_frame_it_is_the_old_model(three, again):
 
 def test_nothing_is_tested_on_what_it_learnt_from(three, again, monkeypatch):
     """Of the new dive neither a frame, its neighbour nor its copy; of the old ones no fold."""
-    known, data, trained, cache = again
+    known, data, _, cache = again
     tasks = []
 
     def spy(function, given, jobs):
@@ -146,8 +153,11 @@ def test_nothing_is_tested_on_what_it_learnt_from(three, again, monkeypatch):
         return map(function, given)
 
     monkeypatch.setattr(adapt, "mapped", spy)
-    found = adaptation(known, trained, "night", cache, quiet, 4, 1)
-    assert found == three["found"]["adaptation"]
+    found = adaptation(known, data, "night", cache, quiet, 4, 1).told
+    told = three["found"]["adaptation"]
+    assert found == {name: told[name] for name in found if name != "words"} | {
+        "words": told["words"][:-1]  # the last one is of the operating point
+    }
     mission, frame = data.patches.mission.to_numpy(), data.patches.frame.to_numpy()
     counts = set()
     for fold in (task[2] for task in tasks):
@@ -159,7 +169,8 @@ def test_nothing_is_tested_on_what_it_learnt_from(three, again, monkeypatch):
             assert {"one", "two"} <= set(mission[fold.train])
             counts.add(len(learnt))
         else:
-            assert not tested & set(mission[fold.train]) and set(learnt) == set(FRAMES)
+            # Without the new dive first, and then with all of it.
+            assert not tested & set(mission[fold.train]) and set(learnt) in (set(), set(FRAMES))
     assert counts >= {1, 2, 3, 5, 8, 9}  # 2 and 3 are neighbours: one of them is left out with both
     assert {choice for _, _, _, choice, *_ in tasks} <= {known.choice, *known.fold_choices}
 
@@ -169,10 +180,12 @@ def test_gained_and_lost_are_what_a_fit_of_ones_own_says(three, again):
     features = cached_features(data, known.bundle.extractor.spec, cache, quiet, 1)
     patches, targets = data.patches, data.targets()
     mission, frame = patches.mission.to_numpy(), patches.frame.to_numpy()
+    times = three["found"]["adaptation"]["times"]
+    dives = Dives.of(mission, {"night": times})
 
     def figures(test, left_out, choice):
         rows = np.flatnonzero(~left_out)
-        model = fit_rows(features, targets, rows, choice, known.settings, (), mission)
+        model = fit_rows(features, targets, rows, choice, known.settings, (), dives)
         values = decision_values(model, features[test])[:, 0]
         found = obstacle_metrics(targets[test] == 1, values)
         return {key: found[key] for key in FIGURES}
@@ -189,6 +202,54 @@ def test_gained_and_lost_are_what_a_fit_of_ones_own_says(three, again):
     one = held_out[held_out.mission == "one"]
     before = obstacle_metrics((one.target == 1).to_numpy(), one.obstacle_score.to_numpy())
     assert told["lost"]["one"]["before"] == {key: before[key] for key in FIGURES}
+    # Of what was tried, the most at which the old dives lose little enough.
+    held = [one["times"] for one in told["tried"] if not one["worse"]]
+    assert told["times"] == max(held) and told["worse"] == []
+
+
+def test_mislabelled_frames_are_refused_and_forced_with_a_reason(
+    three, adapted, tiny_truth, tmp_path, told, refused
+):
+    """Frames whose classes are swapped: the old dives would lose, and nothing is registered."""
+    swapped = {"ocean": "subsea_installation"}
+    rows = [
+        [*row[:5], swapped.get(row[5], "ocean")]
+        for row in tiny_truth.labels("night")
+        if row[2] in FRAMES
+    ]
+    labels, page = write_labels(tmp_path / "swapped.csv", rows), tmp_path / "page.html"
+    given = ("--mission", three["new"][0], "--labels", labels, "--draws", 1, "-o", page)
+    given += ("--workspace", adapted)
+    ran = call_tokt("adapt", "tower/1", *given)
+    fault = ran.err.splitlines()[-1]
+    assert ran.code == 2 and fault.startswith("tokt: error: no version was registered, because")
+    assert "Check the labels of night, or give --force WHY" in fault
+    assert "WORSE" in ran.out and "TOO MUCH IS LOST where night counts 0.03125 times" in ran.out
+    assert "tower (refused)" in page.read_text("utf-8")
+    registry = Registry(adapted)
+    assert [one.label for one in registry.versions("tower")] == ["tower/2", "tower/1"]
+    refused("--force needs the reason", "adapt", "tower/1", *given, "--force", " ")
+    found = told("adapt", "tower/1", *given, "--force", "a test")["adaptation"]
+    assert found["forced"] == "a test" and found["worse"]
+    assert [one["times"] for one in found["tried"]] == [1]
+    assert registry.find("tower").label == "tower/3"
+    # The gate sees the same, on the old dives.
+    ran = call_tokt("models", "promote", "tower/3", "--max-ms", 60_000, "--workspace", adapted)
+    assert ran.code == 2 and "old dives lose too much: " in ran.err
+
+
+def test_an_adapted_version_stands_beside_the_old_one_on_the_old_dives(three, told, tmp_path):
+    """Their datasets differ; both held out whole dives."""
+    where = ("--workspace", three["workspace"])
+    found = told("compare", "tower/2", "tower/1", *where, "-o", tmp_path / "page.html")
+    assert any("learnt from different datasets" in note for note in found["notes"])
+    new, old = found["models"]
+    assert set(new["dives"]) == set(old["dives"]) == {"one", "two"}
+    lost = three["found"]["adaptation"]["lost"]
+    for name in ("one", "two"):
+        assert old["dives"][name]["f1"] == lost[name]["before"]["f1"]
+        # Its C was chosen anew; `lost` has that of the old folds.
+        assert new["dives"][name]["f1"] == pytest.approx(lost[name]["after"]["f1"], abs=0.02)
 
 
 def test_its_rate_is_unknown_as_its_water_frames_are_not_in_a_row(three):
@@ -216,7 +277,7 @@ def test_what_the_new_dive_shares_with_the_old_is_not_tested(
     shutil.copyfile(tiny.path / "Left" / "tiny_L_9.png", path / "Left" / "copy_L_9.png")
     shutil.copyfile(path / "Left" / "copy_L_30.png", path / "Left" / "copy_L_17.png")
     given = ("--mission", path, "--labels", labels, "--draws", 1, "--workspace", adapted)
-    found = told("adapt", "tower/1", *given)["adaptation"]
+    found = told("adapt", "tower/1", *given, "--force", "of no consequence")["adaptation"]
     assert found["labelled"]["of_old_blocks"] == 1  # frame 9 alone of block 8 to 11
     tested = [one["frame"] for one in found["gained"]["frames"]]
     assert tested == [frame for frame in FRAMES if frame != 9]

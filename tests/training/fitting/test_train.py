@@ -27,7 +27,7 @@ from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import FULL_DIVE, Fold, blocked_folds
+from tokt.training.datasets.splits import FULL_DIVE, Dives, Fold, blocked_folds
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting import classifier, cross_validation
 from tokt.training.fitting.classifier import decision_values, fit_classifier, fit_rows, linear_model
@@ -303,12 +303,14 @@ def test_a_dive_counts_by_the_root_of_its_patches_in_learning(dives):
     scaler = StandardScaler().fit(features, sample_weight=each)
     svc = LinearSVC(C=0.1, random_state=42, dual=False, tol=1e-9)
     svc.fit(scaler.transform(features), truth, sample_weight=each)
-    made = fit_rows(features, truth, rows, choice, PLAIN, (), mission)
+    made = fit_rows(features, truth, rows, choice, PLAIN, (), Dives.of(mission))
     assert np.allclose(made["scaler"].mean_, scaler.mean_)
     assert np.allclose(made["svc"].coef_, svc.coef_, atol=1e-4)
     # One dive: nothing is other than without, to the last bit.
     one = np.flatnonzero(mission == "a")
-    alike = (fit_rows(features, truth, one, choice, PLAIN, (), by) for by in (None, mission))
+    alike = (
+        fit_rows(features, truth, one, choice, PLAIN, (), by) for by in (None, Dives.of(mission))
+    )
     first, second = (model["svc"].coef_.tobytes() for model in alike)
     assert first == second
 
@@ -531,7 +533,7 @@ def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
     monkeypatch.setattr(classifier, "fit_classifier", spy)
     asked = targets, np.arange(30_000), Hyperparameters(1.0)
     fits = [
-        fit_rows(features, *asked, replace(settings, max_samples=most), (), dives)
+        fit_rows(features, *asked, replace(settings, max_samples=most), (), Dives.of(dives))
         for most in (2_000, 2_000, 30_000)
     ]
     (learnt, known, _, _, weights, *_), _, (*_, every, _, _) = seen
@@ -548,7 +550,7 @@ def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
     assert np.allclose(share.groupby(level=0).sum(), roots / roots.sum(), atol=0.01)
     # Short of patches of a class in most dives, the class counts as much as before.
     many = np.repeat(np.arange(3_000), 10)
-    fit_rows(features, *asked, replace(settings, max_samples=1_000), (), many)
+    fit_rows(features, *asked, replace(settings, max_samples=1_000), (), Dives.of(many))
     _, known, _, _, weights, *_ = seen[-1]
     few = pd.Series(weights).groupby(known).sum() / weights.sum()
     even = pd.Series(np.ones(30_000)).groupby(targets).sum() / 30_000
