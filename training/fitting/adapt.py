@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sklearn.metrics import roc_auc_score
 from threadpoolctl import ThreadpoolController
 
 from tokt.features.common.arrays import F64, I64, Bools
@@ -40,8 +41,14 @@ TIMES = (4.0, 2.0, USUAL, 0.5, 0.25, 0.125, 0.0625, 0.03125)
 
 More of it helps the new dive, and costs the old ones more (docs/explanation/waters.md).
 """
+LEAST_ONE_SIDED = 0.25
+"""The least where all labels are water, or all are obstacles, so that nothing vouches for them.
+
+At less, three frames whose obstacles were labelled as water would pass, with whole sites held out.
+"""
 _MIN_LAST, _MIN_STEPS = 3, 3  # labelled frames, and orders, that tell what the next ones bring
 _SMALL = 0.01  # of F1
+_CHANCE = 0.5  # area under the receiver operating characteristic of a model that knows nothing
 _MOST = 0.75  # of the orders
 _FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
 
@@ -172,6 +179,11 @@ class _NewDive:
         found[np.searchsorted(self.rows, rows)] = self.known.bundle.model.obstacle_score(values)
         return found
 
+    @property
+    def is_one_sided(self) -> bool:
+        """Whether all labels of the dive are obstacles, or none is."""
+        return bool(len(np.unique(self.obstacle[self.rows])) < 2)
+
     def fold(self, learnt: frozenset[int]) -> Fold:
         """Learn from the old dives and these frames; test those that are not as good as seen."""
         mine = np.isin(self.place, list(learnt))
@@ -282,14 +294,18 @@ def adaptation(
 
         usual = dive_counting(USUAL)
         before = _old_scores(usual, False, progress, jobs)
-        several = TIMES if usual.request.split.weight == DIVE and not forced else (USUAL,)
+        faults = _contradiction(usual)
+        least = LEAST_ONE_SIDED if usual.is_one_sided else 0.0
+        several = tuple(times for times in TIMES if times >= least)
+        if faults or forced or usual.request.split.weight != DIVE:
+            several = (USUAL,)
         tried: dict[float, dict[str, Any]] = {}
         low, high = 0, len(several)
         while low < high or not tried:
             times = several[(low + high) // 2]
             dive = dive_counting(times)
             lost = _lost(dive, before, _old_scores(dive, True, progress, jobs))
-            tried[times] = {"times": times, "lost": lost, "worse": _worse(lost)}
+            tried[times] = {"times": times, "lost": lost, "worse": [*faults, *_worse(lost)]}
             if tried[times]["worse"]:
                 low = (low + high) // 2 + 1
             else:
@@ -366,6 +382,20 @@ def _orders(dive: _NewDive, bundle: Bundle, draws: int) -> list[list[int]]:
     rng = np.random.default_rng(0)
     drawn = [rng.permutation(len(dive.frames)).tolist() for _ in range(draws)]
     return [np.searchsorted(dive.frames, list(queued)).tolist(), *drawn]
+
+
+def _contradiction(dive: _NewDive) -> list[str]:
+    """A line where the labels say the opposite of the old model: as where classes were swapped."""
+    truth, known = dive.obstacle[dive.rows], np.isfinite(dive.before)
+    if dive.is_one_sided or not known.all():
+        return []
+    area = float(roc_auc_score(truth, dive.before))
+    if area >= _CHANCE:
+        return []
+    return [
+        f"labels that contradict {dive.known.bundle.label} (area under ROC {area:.2f}: obstacles "
+        "score lower than water)"
+    ]
 
 
 def _old_scores(dive: _NewDive, learnt: bool, progress: Callable[..., Any], jobs: int) -> F64:

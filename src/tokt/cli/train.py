@@ -188,7 +188,7 @@ def adapt(
             atomic.write_text(output, adaptation_page(found.told, f"{known.bundle.name} (refused)"))
         answer(json, {"adaptation": found.told}, lambda: _print_adaptation("The next", found.told))
         raise ToktError(
-            f"no version was registered, because old dives would lose: {'; '.join(found.worse)}. "
+            f"no version was registered, because of what would be lost: {'; '.join(found.worse)}. "
             f"Check the labels of {name}, or give --force WHY"
         )
     trained = fit_and_measure(found.request, cache, progress, jobs)

@@ -224,7 +224,8 @@ def test_mislabelled_frames_are_refused_and_forced_with_a_reason(
     fault = ran.err.splitlines()[-1]
     assert ran.code == 2 and fault.startswith("tokt: error: no version was registered, because")
     assert "Check the labels of night, or give --force WHY" in fault
-    assert "WORSE" in ran.out and "TOO MUCH IS LOST where night counts 0.03125 times" in ran.out
+    assert "WORSE" in ran.out and "TOO MUCH IS LOST where night counts 1 times" in ran.out
+    assert "labels that contradict tower/1" in fault
     assert "tower (refused)" in page.read_text("utf-8")
     registry = Registry(adapted)
     assert [one.label for one in registry.versions("tower")] == ["tower/2", "tower/1"]
@@ -236,6 +237,19 @@ def test_mislabelled_frames_are_refused_and_forced_with_a_reason(
     # The gate sees the same, on the old dives.
     ran = call_tokt("models", "promote", "tower/3", "--max-ms", 60_000, "--workspace", adapted)
     assert ran.code == 2 and "old dives lose too much: " in ran.err
+
+
+def test_labels_of_one_side_alone_count_enough_to_show_what_they_cost(
+    three, adapted, tiny_truth, tmp_path, refused
+):
+    """Frames with obstacles of which each patch was labelled as water."""
+    rows = [[*row[:5], "ocean"] for row in tiny_truth.labels("night") if row[2] in FRAMES[-5:]]
+    labels = write_labels(tmp_path / "wet.csv", rows)
+    given = ("--mission", three["new"][0], "--labels", labels, "--draws", 1, "--json")
+    ran = call_tokt("adapt", "tower/1", *given, "--workspace", adapted)
+    assert ran.code == 2 and "because of what would be lost" in ran.err
+    found = json.loads(ran.out)["adaptation"]
+    assert min(one["times"] for one in found["tried"]) == 0.25 and found["worse"]
 
 
 def test_an_adapted_version_stands_beside_the_old_one_on_the_old_dives(three, told, tmp_path):
