@@ -480,20 +480,27 @@ def robustness_figures(
     """Figures on augmented frames beside those on the frames as they are.
 
     Each fold's model scores the augmented frames of its test part. `learnt` are the augmentations
-    that the models learnt from, on other frames. By augmentation there are f1, fall (of F1, against
-    the frames as they are), false_status, ocean_frames, detected, obstacle_frames (at the folds'
-    rules), and learnt.
+    that the models learnt from, on other frames. By augmentation there are f1, average_precision,
+    fall (of F1, against the frames as they are), false_status, ocean_frames, detected,
+    obstacle_frames (at the folds' rules), learnt, and of several dives their f1 (`dives`).
     """
     tested = held_out.fold >= 0
     truth = np.asarray(model.obstacle, bool)[dataset.targets()[tested]]
     plain = obstacle_metrics(truth, model.obstacle_score(held_out.values[tested]))["f1"]
-    found = {}
+    mission, found = dataset.patches.mission[tested].to_numpy(), {}
     for name, values in held_out.stressed.items():
         score = model.obstacle_score(values)
-        f1 = obstacle_metrics(truth, score[tested])["f1"]
+        patch = obstacle_metrics(truth, score[tested])
+        f1 = patch["f1"]
+        dives = {
+            str(dive): obstacle_metrics(truth[mission == dive], score[tested][mission == dive])
+            for dive in np.unique(mission)
+        }
         frames = frame_figures(dataset, score, held_out.fold, held_out.rules)
         found[name] = {
             "f1": f1,
+            "average_precision": patch["average_precision"],
+            **({"dives": dives} if len(dives) > 1 else {}),
             "fall": None if f1 is None or plain is None else plain - f1,
             **{key: frames[key] for key in _COUNTS},
             "learnt": name in learnt,

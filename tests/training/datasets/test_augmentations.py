@@ -34,12 +34,27 @@ def test_changes_are_what_they_say(shape):
     assert np.array_equal(noisy, augment(frame, "noise_1"))
     jpeg = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 60])[1]
     assert np.array_equal(augment(frame, "jpeg_60"), cv2.imdecode(jpeg, cv2.IMREAD_UNCHANGED))
+    assert len(np.unique(augment(frame, "bits_3"))) == 8
+    even = np.full_like(frame, 100)
+    assert np.array_equal(augment(even, "motion_50"), even)
+    assert (augment(even, "snow_60") >= 100).all() and augment(even, "snow_60").max() > 110
+    assert (
+        80 <= augment(even, "ripple_20").min() < 95 < 105 < augment(even, "ripple_20").max() <= 120
+    )
+    blue = np.zeros((2, 2, 3), np.uint8)
+    blue[..., 0] = 200
+    assert augment(blue, "hue_120")[0, 0].tolist() == [0, 0, 200]
     for name in STRESS:
+        assert np.array_equal(augment(frame, name), augment(frame, name))
         assert augment(frame, name).shape == shape and augment(frame, name).dtype == np.uint8
 
 
 @pytest.mark.parametrize(
-    "name", ["gain_0", "gain_nan", "gain_", "jpeg_60.5", "jpeg_101", "noise_0", "gain_1_0", "fog_1"]
+    "name",
+    [
+        *("gain_0", "gain_nan", "gain_", "jpeg_60.5", "jpeg_101", "noise_0", "gain_1_0", "fog_1"),
+        *("bits_8", "motion_0", "snow_1000", "hue_360"),
+    ],
 )
 def test_unknown_changes_are_refused(name):
     refuses("no picture change", augment, np.zeros((4, 4), np.uint8), name)

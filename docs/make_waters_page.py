@@ -1,0 +1,131 @@
+"""Make the tables of docs/explanation/waters.md from what the product answers.
+
+``python docs/make_waters_page.py BY_SITE.json BY_DIVE.json ADAPTED.jsonl``
+
+The first two are the answers of ``tokt train DATASET --stress --json`` and of the same without
+``--stress`` and with ``--site NAME=NAME`` for one dive, so that dives are held out and not sites.
+Each line of the third is about one dive, to which a model of the other sites was adapted with some
+of its frames: mission, labelled (frames), times, before and after (F1 and AP on its other frames),
+mean, worst and worst_dive (changes of F1 of the old dives). What stands outside of the marks is
+written by hand, and so is what a dive shows.
+"""
+
+import json
+import re
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PAGE = Path(__file__).parent / "explanation" / "waters.md"
+NO_WATER = 0.95  # part of a dive's labelled patches that are obstacles: from there F1 says nothing
+DRAWN = ("gain", "gamma", "jpeg", "noise")
+"""Kinds of augmentation that training's random changes draw as well."""
+_TABLE = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end -->\n", re.DOTALL)
+_BOTH = ("f1", "average_precision")
+
+
+def main(by_site: str, by_dive: str, adapted: str) -> None:
+    """Write the page."""
+    site, dive = (json.loads(Path(file).read_text("utf-8"))["cv"] for file in (by_site, by_dive))
+    rows = [json.loads(line) for line in Path(adapted).read_text("utf-8").splitlines()]
+    page = PAGE.read_text("utf-8")
+    shows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*) \|", page, re.MULTILINE))
+    tables = {
+        "dives": dives_table(site["dives"], dive["dives"], shows),
+        "changes": changes_table(site["dives"], site["stress"]),
+        "adapted": adapted_table(rows),
+    }
+    PAGE.write_text(filled(page, tables), "utf-8")
+
+
+def filled(page: str, tables: Mapping[str, str]) -> str:
+    """Return a page with each table in place of what stands between its marks."""
+    return _TABLE.sub(
+        lambda mark: f"<!-- table {mark[1]} -->\n{tables[mark[1]]}<!-- end -->\n", page
+    )
+
+
+def dives_table(
+    by_site: Mapping[str, Any], by_dive: Mapping[str, Any], shows: Mapping[str, str]
+) -> str:
+    """Return a row for each dive, judged without its site and without itself, and their means."""
+    rows = []
+    for name, one in sorted(by_site.items()):
+        pairs = [_pair(found[name]) if has_water(one) else "- / -" for found in (by_site, by_dive)]
+        sides = (_figure(one[key]) for key in ("precision", "recall"))
+        rows.append([f"`{name}`", shows.get(name, ""), pairs[0], *sides, pairs[1]])
+    watered = [name for name, one in by_site.items() if has_water(one)]
+    means = [_mean_pair(found[name] for name in watered) for found in (by_site, by_dive)]
+    rows.append(["mean", f"of the {len(watered)} that have water", means[0], "", "", means[1]])
+    head = ("dive", "what", "site held out: F1 / AP", "precision", "recall", "dive held out")
+    return _table(head, rows)
+
+
+def changes_table(dives: Mapping[str, Any], stress: Mapping[str, Any]) -> str:
+    """Return a row for each augmentation of the held-out frames: means over dives with water."""
+    watered = [name for name, one in dives.items() if has_water(one)]
+    new = [one["dives"] for name, one in stress.items() if not _is_drawn(name)]
+    rows = [["as they are", _mean_pair(dives[name] for name in watered), ""]]
+    for name, one in stress.items():
+        figures = _mean_pair(one["dives"][dive] for dive in watered)
+        rows.append([f"`{name}`", figures, "yes" if _is_drawn(name) else "no"])
+    figures = _mean_pair(one[dive] for one in new for dive in watered)
+    rows.append(["mean of the kinds that training does not draw", figures, "no"])
+    return _table(("frames", "F1 / AP", "kind drawn in training"), rows)
+
+
+def adapted_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a row for each dive and number of labelled frames, and the means by number."""
+    lines = []
+    for one in sorted(rows, key=lambda one: (one["labelled"], one["mission"])):
+        before, after = (dict(zip(_BOTH, one[when], strict=True)) for when in ("before", "after"))
+        change = f"{_pair(before)} → {_pair(after)}"
+        worst = f"{one['worst']:+.3f} (`{one['worst_dive']}`)"
+        counts = one["labelled"], f"`{one['mission']}`", f"{one['times']:g}"
+        lines.append([*counts, change, f"{one['mean']:+.3f}", worst])
+    for labelled in sorted({one["labelled"] for one in rows}):
+        of = [one for one in rows if one["labelled"] == labelled]
+        gains = np.mean([np.subtract(one["after"], one["before"]) for one in of], axis=0)
+        change = f"{gains[0]:+.3f} / {gains[1]:+.3f}"
+        mean = f"{np.mean([one['mean'] for one in of]):+.3f}"
+        worst = f"{min(one['worst'] for one in of):+.3f}"
+        lines.append([labelled, f"mean of {len(of)}", "", change, mean, worst])
+    return _table(
+        ("frames labelled", "new dive", "times its share", "its other frames: F1 / AP",
+         "old dives' mean F1", "worst of them"),
+        lines,
+    )  # fmt: skip
+
+
+def has_water(dive: Mapping[str, Any]) -> bool:
+    """Return whether a dive has enough open water for F1 to tell anything."""
+    return bool(dive["obstacles"] < NO_WATER * dive["n"])
+
+
+def _is_drawn(augmentation: str) -> bool:
+    return augmentation.startswith(DRAWN)
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _pair(figures: Mapping[str, Any]) -> str:
+    return " / ".join(_figure(figures[key]) for key in _BOTH)
+
+
+def _mean_pair(dives: Iterable[Mapping[str, Any]]) -> str:
+    listed = list(dives)
+    return _pair({key: float(np.mean([one[key] for one in listed])) for key in _BOTH})
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(map(str, cells))} |\n" for cells in lines)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
