@@ -113,11 +113,26 @@ def _table(metrics: Mapping[str, Any]) -> str:
     if frames:
         false = f"{frames['false_status']} of {frames['ocean_frames']}"
         rows.append(("open-ocean frames with a false status", false))
+    if frames and frames.get("false_status_per_hour"):
+        hourly = frames["false_status_per_hour"]
+        bound = hourly["upper_bound"]
+        value = f"{hourly['false_status']:.3g}, at most {bound['of_frames']:.3g} with"
+        value += f" {bound['confidence']:.0%} confidence, were frames independent"
+        rows.append((f"false statuses in {hourly['in_frames']:,.0f} of them", value))
     if frames and "obstacle_frames" in frames:
         seen = f"{frames['detected']} of {frames['obstacle_frames']}"
         rows.append(("obstacle frames with status 1", seen))
         rows.append(("first of three frames in a row", _text(frames["first_detection"])))
+    if frames and "approaches" in frames:
+        late = ", ".join(_lateness(one) for one in frames["approaches"])
+        rows.append(("first status of each approach", late or "no approach in the labels"))
     return "\n".join(f"| {name} | {value} |" for name, value in rows)
+
+
+def _lateness(approach: Mapping[str, Any]) -> str:
+    where = "{mission} {first_obstacle_frame}".format(**approach)
+    late = approach["frames_late"]
+    return f"{where}: none" if late is None else f"{where}: {late} frames late"
 
 
 def _failures(metrics: Mapping[str, Any]) -> str:

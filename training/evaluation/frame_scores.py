@@ -12,8 +12,17 @@ import pandas as pd
 
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.inference.texture.detector import min_mask_patches
-from tokt.models.operating_point import MAX_WINDOW, MofNRule, frame_step, missed_before
+from tokt.models.operating_point import (
+    CLEAR,
+    MAX_WINDOW,
+    OBSTACLE,
+    MofNRule,
+    frame_step,
+    missed_before,
+)
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
+
+from .approaches import KnownDistances, approach_figures, approaches, false_status_per_hour
 
 
 @dataclass(frozen=True)
@@ -146,7 +155,8 @@ def frame_figures(
     in, -1 for none, and of each fold a rule. Found are ocean_frames, false_status, obstacle_frames,
     detected (counts); false_status_frames, missed_frames (obstacle frames without the status;
     ``mission:frame``); by mission, first_obstacle_frame and first_detection (the first of three
-    frames in a row with the status, or None); latency_frames (the most that a fold's rule adds).
+    frames in a row with the status, or None); latency_frames (the most that a fold's rule adds);
+    approaches (`approach_figures`, with mission and camera) and false_status_per_hour.
     """
     frames = frame_table(dataset)
     tested = fold >= 0
@@ -172,7 +182,31 @@ def frame_figures(
         "first_obstacle_frame": _first(frames, obstacle),
         "first_detection": _first(frames, np.append(three[2:], [False, False])[: len(frames)]),
         "latency_frames": max(rule.latency_frames for rule in rules),
+        "approaches": _approaches(frames, ocean, obstacle, said),
+        "false_status_per_hour": false_status_per_hour(
+            int((ocean & said).sum()),
+            int(ocean.sum()),
+            int(frames.keys.group[ocean & said].nunique()),
+            int(frames.keys.group[ocean].nunique()),
+            None,  # frames a second: of 1,000 frames instead
+        ),
     }
+
+
+def _approaches(
+    frames: FrameTable, ocean: Bools, obstacle: Bools, said: Bools
+) -> list[dict[str, Any]]:
+    """What is left at the first status of each approach, of each camera."""
+    found = []
+    for (mission, camera), rows in frames.keys.groupby(["mission", "camera"]).indices.items():
+        numbers = frames.keys.frame.to_numpy()[rows]
+        spans = approaches(numbers.tolist(), *({*numbers[of[rows]]} for of in (ocean, obstacle)))
+        missed = np.diff(frames.place[rows], prepend=frames.place[rows[0]] - 1) - 1
+        status = np.where(said[rows], OBSTACLE, CLEAR).tolist()
+        told = numbers.tolist(), missed.tolist(), status, spans, KnownDistances(), None
+        names = {"mission": str(mission), "camera": str(camera)}
+        found += [{**names, **one} for one in approach_figures(*told)]
+    return found
 
 
 def _first(frames: FrameTable, chosen: Bools) -> dict[str, int | None]:

@@ -23,7 +23,7 @@ from .options import (
     WorkspaceOption,
     fields_of,
 )
-from .output import answer, figure, print_patches, progress, scores
+from .output import answer, figure, print_at_sea, print_patches, progress, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -93,44 +93,6 @@ def compare(
     say(f"MLflow run: {run}" if run else f"not logged: no registry in workspace {workspace}")
 
 
-def _print_at_sea(frames: dict[str, Any], indent: str) -> None:
-    """False statuses an hour, and what is left at each approach's first status."""
-    hourly = frames["false_status_per_hour"]
-    if hourly:
-        bound, rate = hourly["upper_bound"], hourly["rate_fps"]
-        per = "in 1,000 frames" if rate is None else f"an hour at {rate:.3g} frames a second"
-        counts = hourly["false_status"], bound["of_frames"], bound["of_blocks"], bound["blocks"]
-        seen, most, some, blocks = (f"{one:.0f}" if one >= 100 else f"{one:.3g}" for one in counts)
-        print(
-            f"{indent}false statuses {per} of open ocean: {seen}; with {bound['confidence']:.0%} "
-            f"confidence at most {most}, were frames independent. At most {some} of {blocks} "
-            "blocks of near copies have one"
-        )
-    for one in frames["approaches"]:
-        print(f"{indent}{_approach(one)}")
-    if not frames["approaches"]:
-        print(f"{indent}no approach in the labels: no obstacle frame after an ocean frame")
-
-
-def _approach(one: dict[str, Any]) -> str:
-    where = f"{one['mission']}:" if "mission" in one else ""
-    words = f"approach {where}{one['first_obstacle_frame']}-{one['last_obstacle_frame']}: "
-    if one["first_status"] is None:
-        return f"{words}NO STATUS"
-    late = one["frames_late"]
-    words += f"first status {one['first_status']}, {late} frame{'s' * (late != 1)} late"
-    if one["distance_m"] is not None:
-        words += f", {one['distance_m']:.2f} m away"
-        if one["distance_frame"] != one["first_status"]:
-            words += f" in frame {one['distance_frame']}"
-        if one["contact_s"] is not None:
-            words += f", contact in {one['contact_s']:.1f} s at {one['closing_m_s']:.2f} m/s"
-    if one["stopping_distance_m"] is None:
-        return words
-    said = {True: "enough", False: "TOO LATE", None: "not measured, not judged"}[one["enough"]]
-    return f"{words}; {said} for a stopping distance of {one['stopping_distance_m']:g} m"
-
-
 def _print_comparison(result: dict[str, Any]) -> None:
     print(f"on {result['what']} ({result['mode']}; {result['blocks']} {result['unit']})")
     for model in result["models"]:
@@ -147,7 +109,7 @@ def _print_comparison(result: dict[str, Any]) -> None:
                 f"frames, obstacle seen in {frames['detected']} of {frames['obstacle_frames']}, "
                 f"first detection {', '.join(map(_first, frames['sequences']))}"
             )
-            _print_at_sea(frames, "    ")
+            print_at_sea(frames, "    ")
     for one in result["ceilings"]:
         of = f" on the features of {one['model']}" if one["model"] else ""
         patch, found = one.get("patch"), one.get("missing")
@@ -219,7 +181,7 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     )
     print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
     print(f"  status unknown in {frames['unknown']} of {frames['n']} frames")
-    _print_at_sea(frames, "  ")
+    print_at_sea(frames, "  ")
     if not missions:
         print(f"  first of three frames in a row with status 1: {frames['first_detection']}")
         return

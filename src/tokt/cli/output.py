@@ -82,3 +82,41 @@ def scores(patch: dict[str, Any], between: str = "") -> str:
 def figure(value: float | None) -> str:
     """A figure with three decimals, or ``-`` where it is undefined."""
     return "-" if value is None else f"{value:.3f}"
+
+
+def print_at_sea(frames: dict[str, Any], indent: str) -> None:
+    """Print false statuses an hour, and what is left at each approach's first status."""
+    hourly = frames["false_status_per_hour"]
+    if hourly:
+        bound, rate = hourly["upper_bound"], hourly["rate_fps"]
+        per = "in 1,000 frames" if rate is None else f"an hour at {rate:.3g} frames a second"
+        counts = hourly["false_status"], bound["of_frames"], bound["of_blocks"], bound["blocks"]
+        seen, most, some, blocks = (f"{one:.0f}" if one >= 100 else f"{one:.3g}" for one in counts)
+        print_line(
+            f"{indent}false statuses {per} of open ocean: {seen}; with {bound['confidence']:.0%} "
+            f"confidence at most {most}, were frames independent. At most {some} of {blocks} "
+            "blocks of near copies have one"
+        )
+    for one in frames["approaches"]:
+        print_line(f"{indent}{_approach(one)}")
+    if not frames["approaches"]:
+        print_line(f"{indent}no approach in the labels: no obstacle frame after an ocean frame")
+
+
+def _approach(one: dict[str, Any]) -> str:
+    where = f"{one['mission']}:" if "mission" in one else ""
+    words = f"approach {where}{one['first_obstacle_frame']}-{one['last_obstacle_frame']}: "
+    if one["first_status"] is None:
+        return f"{words}NO STATUS"
+    late = one["frames_late"]
+    words += f"first status {one['first_status']}, {late} frame{'s' * (late != 1)} late"
+    if one["distance_m"] is not None:
+        words += f", {one['distance_m']:.2f} m away"
+        if one["distance_frame"] != one["first_status"]:
+            words += f" in frame {one['distance_frame']}"
+        if one["contact_s"] is not None:
+            words += f", contact in {one['contact_s']:.1f} s at {one['closing_m_s']:.2f} m/s"
+    if one["stopping_distance_m"] is None:
+        return words
+    said = {True: "enough", False: "TOO LATE", None: "not measured, not judged"}[one["enough"]]
+    return f"{words}; {said} for a stopping distance of {one['stopping_distance_m']:g} m"

@@ -23,7 +23,7 @@ from .options import (
     WorkspaceOption,
     fields_of,
 )
-from .output import answer, figure, print_patches, progress, scores
+from .output import answer, figure, print_at_sea, print_patches, progress, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -270,6 +270,7 @@ def _print_training(version: TrainedVersion) -> None:
         _print_dives(metrics)
     if patch["f1"] is not None and version.trained.request.dataset.block_frames is not None:
         print(f"  at the operating point: {_frames(frames)}")
+        print_at_sea(frames, "    ")
         print(f"  any patch over 0 an alarm: {_frames(metrics['frames_at_zero'])}")
     for name, one in metrics.get("stress", {}).items():
         print(

@@ -39,6 +39,24 @@ RECIPE: dict[str, Any] = {
             **{"false_status": 3, "ocean_frames": 99, "false_status_frames": ["d:7", "d:8", "d:9"]},
             **{"obstacle_frames": 40, "detected": 20, "first_detection": {"d": 141}},
             "missed_frames": [f"d:{number}" for number in range(100, 120)],
+            "false_status_per_hour": {
+                **{"rate_fps": None, "in_frames": 1000.0, "false_status": 30.303},
+                "upper_bound": {
+                    "confidence": 0.95,
+                    "of_frames": 76.5,
+                    "of_blocks": 9.0,
+                    "blocks": 50,
+                },
+            },
+            "approaches": [
+                {"mission": "d", "camera": "left", "first_obstacle_frame": 139, "frames_late": 2},
+                {
+                    "mission": "d",
+                    "camera": "left",
+                    "first_obstacle_frame": 180,
+                    "frames_late": None,
+                },
+            ],
         },
         "stress": {
             "gain_0.5": {
@@ -63,7 +81,10 @@ def test_card_states_what_was_measured():
         "| average precision | undefined |",
         "| F1 of the folds | 0.750, 0.250, undefined |",
         "| open-ocean frames with a false status | 3 of 99 |",
+        "| false statuses in 1,000 of them | 30.3, at most 76.5 with 95% confidence, were frames "
+        "independent |",
         "| obstacle frames with status 1 | 20 of 40 |",
+        "| first status of each approach | d 139: 2 frames late, d 180: none |",
         "| first of three frames in a row | d 141 |",
         "- label counts: ocean 900; tower 100",
         "- upper bound: confidence 0.95; of_blocks 0.5; of_frames 0.0761",

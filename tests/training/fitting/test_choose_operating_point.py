@@ -278,6 +278,10 @@ def test_a_rule_over_frames_comes_later_and_lasts_over_an_obstacles_end(dataset,
     assert found["missed_frames"] == ["tiny:4", "tiny:16", "tiny:28", "tiny:40"]
     assert found["false_status_frames"] == ["tiny:12", "tiny:24", "tiny:36"]
     assert found["first_detection"] == {"tiny": 5} and found["latency_frames"] == 1
+    late = [(one["first_obstacle_frame"], one["frames_late"]) for one in found["approaches"]]
+    assert late == [(4, 1)]  # it never goes for long enough to come again
+    rate = found["false_status_per_hour"]
+    assert rate["in_frames"] == 1000 and rate["false_status"] == 1000 * 3 / found["ocean_frames"]
 
 
 def test_figures_stop_at_gaps(dataset, score):
@@ -290,6 +294,7 @@ def test_figures_stop_at_gaps(dataset, score):
     nobody = frame_figures(dataset, score, np.full(len(score), -1), [MofNRule()])
     assert nobody["ocean_frames"] == nobody["obstacle_frames"] == 0
     assert nobody["first_detection"] == {"tiny": None}
+    assert nobody["approaches"] == [] and nobody["false_status_per_hour"] is None
 
 
 def test_missions_and_cameras_are_runs_of_their_own(dataset, monkeypatch):
