@@ -1,5 +1,6 @@
 """A registered model that learns a new dive too: what that gains there and costs elsewhere."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,7 +22,7 @@ from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import Fold
+from tokt.training.datasets.splits import FULL_DIVE, Fold
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.evaluation.old_dives import falls
 from tokt.training.parallel import mapped
@@ -37,7 +38,7 @@ COUNTS = (1, 2, 3, 5, 8, 13, 21)
 """Labelled frames of the new dive that a point of the curve is learnt from; a third are left."""
 USUAL = 1.0
 TIMES = (4.0, 2.0, USUAL, 0.5, 0.25, 0.125, 0.0625, 0.03125)
-"""How many times its usual share the new dive may count.
+"""How many times its usual share (`Dives.weights`) the new dive may count, never above a full dive.
 
 More of it helps the new dive, and costs the old ones more (docs/explanation/waters.md).
 """
@@ -296,7 +297,8 @@ def adaptation(
         before = _old_scores(usual, False, progress, jobs)
         faults = _contradiction(usual)
         least = LEAST_ONE_SIDED if usual.is_one_sided else 0.0
-        several = tuple(times for times in TIMES if times >= least)
+        most = math.sqrt(FULL_DIVE / min(len(usual.rows), FULL_DIVE))
+        several = tuple(times for times in TIMES if least <= times <= most)
         if faults or forced or usual.request.split.weight != DIVE:
             several = (USUAL,)
         tried: dict[float, dict[str, Any]] = {}

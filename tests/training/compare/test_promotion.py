@@ -233,3 +233,13 @@ def test_a_status_that_a_rule_holds_on_to_is_no_false_one(judged):
     # A missing frame counts among those of the window.
     series = FrameSeries.of(table.assign(frame=[1, 2, 5, 6, 7, 8, 9, 9]), {"a": 1})
     assert np.flatnonzero(series.ocean_apart(3)).tolist() == [0, 2, 3, 4, 6, 7]
+
+
+def test_training_says_what_the_dives_of_the_version_before_lose(registered, done, told):
+    registered.registry.set_alias(GOOD, "champion")
+    train = ("train", "tiny", "--extractor", "lbp", "--name", "tiny-lbp", "--folds", 3)
+    train += ("--embargo", 1, "--workspace", registered.path)
+    said = done(*train, "--preset", "thesis").out
+    assert f"WORSE than {GOOD} on its dives: tiny F1 " in said
+    again = told(*train, "--preset", "plain")
+    assert again["old_dives"] == {"before": GOOD, "worse": []}

@@ -516,6 +516,33 @@ def test_three_classes_are_scored_by_class(fabricate):
     assert figures["per_class"]["reef"]["recall"] == 0.9
 
 
+@pytest.mark.parametrize("most", [300, 4_000])
+@pytest.mark.parametrize("logistic", [False, True])
+def test_an_added_dive_keeps_scaler_map_and_what_is_drawn_of_the_others(most, logistic):
+    """So that the less it counts, the nearer the model is to the one without it."""
+    rng = np.random.default_rng(2)
+    mission = np.repeat(["a", "new", "b"], [700, 100, 1_200])
+    targets = (rng.random(2_000) < 0.3).astype(np.int64)
+    features = np.column_stack([targets + rng.normal(0, 0.6, 2_000), rng.normal(size=2_000)])
+    features[mission == "new"] = features[mission == "new"] * 3 + 5
+    settings = replace(PLAIN, landmarks=30, max_samples=most, logistic=logistic)
+    old, every = np.flatnonzero(mission != "new"), np.arange(2_000)
+
+    def fit(rows, added):
+        dives = Dives.of(mission, added)
+        return fit_rows(features, targets, rows, Hyperparameters(1.0), settings, (), dives)
+
+    without, little, usual = fit(old, {}), fit(every, {"new": 1e-9}), fit(every, {"new": 1.0})
+    for made in (little, usual):
+        assert np.allclose(made["map"].components_, without["map"].components_, rtol=1e-9)
+        assert np.allclose(made["scaler"].data_min_, without["scaler"].data_min_, rtol=1e-9)
+    assert np.allclose(little["svc"].coef_, without["svc"].coef_, rtol=1e-3, atol=1e-3)
+    assert np.abs(usual["svc"].coef_ - without["svc"].coef_).max() > 0.01
+    # Among the others again, it changes the map as well.
+    again = fit(every, {})
+    assert not np.allclose(again["map"].components_, without["map"].components_)
+
+
 def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
     """Three dives, one of them short, and 12 patches of a rare class among 30,000."""
     rng = np.random.default_rng(5)
