@@ -66,6 +66,7 @@ def fit_rows(
         own, parts = dives.number[rows], dives.part(rows).weights()
         added = dives.added[own]
         if added.any() and not added.all():
+            parts /= parts[~added].mean()  # so that C acts on the others as without it
             kept, late = (
                 _learning_set(features, targets, rows[of], own[of], parts[of], settings, augmented)
                 for of in (~added, added)
