@@ -40,12 +40,8 @@ USUAL = 1.0
 TIMES = (4.0, 2.0, USUAL, 0.5, 0.25, 0.125, 0.0625, 0.03125)
 """How many times its usual share (`Dives.weights`) the new dive may count, never above a full dive.
 
-More of it helps the new dive, and costs the old ones more (docs/explanation/waters.md).
-"""
-LEAST_ONE_SIDED = 0.25
-"""The least where all labels are water, or all are obstacles, so that nothing vouches for them.
-
-At less, three frames whose obstacles were labelled as water would pass, with whole sites held out.
+More of it helps the new dive, and costs the old ones more (docs/explanation/waters.md). Where all
+labels are water, or all are obstacles, nothing vouches for them: then it counts `USUAL` at least.
 """
 _MIN_LAST, _MIN_STEPS = 3, 3  # labelled frames, and orders, that tell what the next ones bring
 _SMALL = 0.01  # of F1
@@ -296,7 +292,7 @@ def adaptation(
         usual = dive_counting(USUAL)
         before = _old_scores(usual, False, progress, jobs)
         faults = _contradiction(usual)
-        least = LEAST_ONE_SIDED if usual.is_one_sided else 0.0
+        least = USUAL if usual.is_one_sided else 0.0
         most = math.sqrt(FULL_DIVE / min(len(usual.rows), FULL_DIVE))
         several = tuple(times for times in TIMES if least <= times <= most)
         if faults or forced or usual.request.split.weight != DIVE:
