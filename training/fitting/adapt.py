@@ -181,6 +181,13 @@ class _NewDive:
         """Whether all labels of the dive are obstacles, or none is."""
         return bool(len(np.unique(self.obstacle[self.rows])) < 2)
 
+    @property
+    def possible_times(self) -> tuple[float, ...]:
+        """Of `TIMES` those by which it may count."""
+        least = USUAL if self.is_one_sided else 0.0
+        most = math.sqrt(FULL_DIVE / min(len(self.rows), FULL_DIVE))
+        return tuple(times for times in TIMES if least <= times <= most)
+
     def fold(self, learnt: frozenset[int]) -> Fold:
         """Learn from the old dives and these frames; test those that are not as good as seen."""
         mine = np.isin(self.place, list(learnt))
@@ -290,25 +297,17 @@ def adaptation(
             return _NewDive(known, request, name, features, augmented, whole)
 
         usual = dive_counting(USUAL)
-        before = _old_scores(usual, False, progress, jobs)
-        faults = _contradiction(usual)
-        least = USUAL if usual.is_one_sided else 0.0
-        most = math.sqrt(FULL_DIVE / min(len(usual.rows), FULL_DIVE))
-        several = tuple(times for times in TIMES if least <= times <= most)
-        if faults or forced or usual.request.split.weight != DIVE:
-            several = (USUAL,)
-        tried: dict[float, dict[str, Any]] = {}
-        low, high = 0, len(several)
-        while low < high or not tried:
-            times = several[(low + high) // 2]
-            dive = dive_counting(times)
-            lost = _lost(dive, before, _old_scores(dive, True, progress, jobs))
-            tried[times] = {"times": times, "lost": lost, "worse": [*faults, *_worse(lost)]}
-            if tried[times]["worse"]:
-                low = (low + high) // 2 + 1
-            else:
-                high = (low + high) // 2
-        chosen = tried[several[min(high, len(several) - 1)]]
+        before, faults = _old_scores(usual, False, progress, jobs), _contradiction(usual)
+
+        def lost_where_it_counts(times: float) -> dict[str, Any]:
+            counting = dive_counting(times)
+            lost = _lost(counting, before, _old_scores(counting, True, progress, jobs))
+            return {"times": times, "lost": lost, "worse": [*faults, *_worse(lost)]}
+
+        alone = bool(faults) or forced or usual.request.split.weight != DIVE
+        tried = _bisected((USUAL,) if alone else usual.possible_times, lost_where_it_counts)
+        held = [one for one in tried if not one["worse"]]
+        chosen = held[0] if held else tried[-1]
         dive = dive_counting(chosen["times"])
         gained, curve = _gained_and_curve(dive, _orders(dive, known.bundle, draws), progress, jobs)
     told: dict[str, Any] = {
@@ -321,14 +320,24 @@ def adaptation(
             "of_old_blocks": int((~dive.testable).sum()),
         },
         **chosen,
-        "tried": [
-            {key: one[key] for key in ("times", "worse")}
-            for _, one in sorted(tried.items(), reverse=True)
-        ],
+        "tried": [{key: one[key] for key in ("times", "worse")} for one in tried],
         "gained": gained,
         "curve": curve,
     }
     return Adaptation(dive.request, {**told, "words": _words(told)})
+
+
+def _bisected(
+    several: Sequence[float], lost_at: Callable[[float], dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """What is lost at some of the falling `several`, by bisection for the first without a fault."""
+    tried: dict[float, dict[str, Any]] = {}
+    low, high = 0, len(several)
+    while low < high:
+        middle = (low + high) // 2
+        tried[several[middle]] = found = lost_at(several[middle])
+        low, high = (middle + 1, high) if found["worse"] else (low, middle)
+    return [tried[times] for times in sorted(tried, reverse=True)]
 
 
 def with_rate(told: Mapping[str, Any], operating_point: OperatingPoint) -> dict[str, Any]:
