@@ -32,7 +32,7 @@ def main(by_site: str, by_dive: str, adapted: str) -> None:
     site, dive = (json.loads(Path(file).read_text("utf-8"))["cv"] for file in (by_site, by_dive))
     rows = [json.loads(line) for line in Path(adapted).read_text("utf-8").splitlines()]
     page = PAGE.read_text("utf-8")
-    shows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*) \|", page, re.MULTILINE))
+    shows = dict(re.findall(r"^\| `([^`]+)` \| ([^|]*) \|", page, re.MULTILINE))
     tables = {
         "dives": dives_table(site["dives"], dive["dives"], shows),
         "changes": changes_table(site["dives"], site["stress"]),
@@ -101,8 +101,8 @@ def adapted_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def has_water(dive: Mapping[str, Any]) -> bool:
-    """Return whether a dive has enough open water for F1 to tell anything."""
-    return bool(dive["obstacles"] < NO_WATER * dive["n"])
+    """Return whether a dive has obstacles, and enough open water for F1 to tell anything."""
+    return bool(0 < dive["obstacles"] < NO_WATER * dive["n"])
 
 
 def _is_drawn(augmentation: str) -> bool:

@@ -87,7 +87,7 @@ def _learning(
     if compared.mode != HELD_OUT:
         return {"missing": "Leave --mission out for it: it is of the dataset's own folds."}
     if compared.dataset is None:
-        return {"missing": "The dataset is not in this workspace."}
+        return {"missing": "The dataset is not in this workspace, or there are several."}
     by_label = {item.label: item for item in compared.models}
     for label in ranked:
         if _learns(by_label[label]):

@@ -23,7 +23,7 @@ from tokt.training.datasets.dataset import (
     DatasetVersion,
     list_datasets,
 )
-from tokt.training.evaluation.old_dives import held_out_by_dive
+from tokt.training.evaluation.old_dives import held_out_units
 
 from .frames import NEITHER, OBSTACLE_FRAME, OCEAN, FrameSeries
 from .predictions import HELD_OUT, ComparedModels, ModelPredictions, error_margins
@@ -56,6 +56,8 @@ def _datasets(
     known = {item.hash: item for item in list_datasets(workspace / "datasets")}
     hashes = {label: str(recipe["provenance"]["dataset_hash"]) for label, recipe in recipes.items()}
     datasets = {label: known.get(value) for label, value in hashes.items()}
+    if len({str(recipe["grid"]) for recipe in recipes.values()}) > 1:
+        raise ToktError(f"the models' patches are of different grids: {_ASK}")
     for label, dataset in datasets.items():
         if dataset is not None:
             dataset.check()
@@ -86,6 +88,13 @@ def _common_patches(
     }
 
 
+def _held_out_alike(tables: Mapping[str, pd.DataFrame]) -> bool:
+    """Whether all held out whole dives, each of them together with the same ones."""
+    missions = set.intersection(*({*map(str, table.mission)} for table in tables.values()))
+    first, *others = (held_out_units(table, missions) for table in tables.values())
+    return first is not None and all(other == first for other in others)
+
+
 def _folds(kept: Mapping[str, pd.DataFrame], by_dive: bool) -> tuple[I64, dict[str, list[int]]]:
     """A number for each patch, the same for those in the same folds; and each model's fold by it.
 
@@ -93,7 +102,9 @@ def _folds(kept: Mapping[str, pd.DataFrame], by_dive: bool) -> tuple[I64, dict[s
     patch is then judged by models that learnt nothing of its dive.
     """
     together, number = np.unique(
-        np.stack([table.fold for table in kept.values()]), axis=1, return_inverse=True
+        np.stack([table.fold.to_numpy(np.int64) for table in kept.values()]),
+        axis=1,
+        return_inverse=True,
     )
     first, *_ = kept
     for label, folds in zip(kept, together, strict=True):
@@ -135,7 +146,9 @@ def _predictions(
     columns = [name for name in table if str(name).startswith("value_")]
     values = table[sorted(columns, key=lambda name: int(name.split("_")[1]))].to_numpy(np.float64)
     score = table.obstacle_score.to_numpy(np.float64)
-    grid = bundle.grid
+    grid, rules = bundle.grid, recipe["fold_rules"]
+    if max(folds) >= len(rules):
+        raise ToktError(f"model {bundle.label}: it has {len(rules)} fold rules for more folds")
     cell = (table.row * grid.cols + table.col).to_numpy(np.int64)
     # -inf, which exceeds no margin, where a patch has no score.
     on_grid = np.full((int(frame.max()) + 1, grid.n_patches), -np.inf)
@@ -150,7 +163,7 @@ def _predictions(
         on_grid=on_grid,
         white=min_mask_patches(grid, *grid.resized(*bundle.frame_sizes[0])),
         judged=np.ones(len(on_grid), bool),
-        fold_rules=[MofNRule.from_json(recipe["fold_rules"][fold]) for fold in folds],
+        fold_rules=[MofNRule.from_json(rules[fold]) for fold in folds],
         split=str(recipe["metrics"]["split"]),
         recipe=recipe,
     )
@@ -218,14 +231,14 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     datasets = _datasets(recipes, workspace)
     tables = {label: _comparable(registry.held_out(label), label) for label in labels}
     total = max(len(table) for table in tables.values())
+    # The thesis's models learn from a frame of a dive that they are tested on.
+    by_dive = _held_out_alike(tables) and all(
+        recipe["provenance"]["preset"] != "thesis" for recipe in recipes.values()
+    )
     tables = _common_patches(tables, datasets)
     tested = np.logical_and.reduce([table.fold.to_numpy() >= 0 for table in tables.values()])
     if not tested.any():
         raise ToktError(f"no patch was held out by all of these models; {_ASK}")
-    # The thesis's models learn from a frame of a dive that they are tested on.
-    by_dive = all(map(held_out_by_dive, tables.values())) and all(
-        recipe["provenance"]["preset"] != "thesis" for recipe in recipes.values()
-    )
     kept = {label: table[tested].reset_index(drop=True) for label, table in tables.items()}
     number, folds = _folds(kept, by_dive)
     first = kept[labels[0]].assign(fold=number)

@@ -51,7 +51,7 @@ def judge_candidate(compared: ComparedModels, max_ms: float | None = None) -> di
         for row in rows
         if row["worse"]
     ]
-    faults += [f"old dives lose too much: {line}" for line in _falls(rows)]
+    faults += [f"old dives lose too much: {line}" for line in _falls(compared, dives)]
     faults += filter(None, [compared.models[0].bundle.silence])
     if not any(row["interval"] for row in rows):
         faults.append("too few blocks to tell anything: compare them on more dives (--mission)")
@@ -64,13 +64,14 @@ def judge_candidate(compared: ComparedModels, max_ms: float | None = None) -> di
     }
 
 
-def _falls(rows: list[dict[str, Any]]) -> list[str]:
-    """What the dives' F1 loses beyond the rule."""
-    of_patches = [row for row in rows if row["dive"] and row["figure"].endswith("F1")]
-    before, after = (
-        {row["dive"]: row[who] for row in of_patches} for who in ("champion", "candidate")
+def _falls(compared: ComparedModels, dives: list[str]) -> list[str]:
+    """What the dives' F1 of obstacles loses beyond the rule."""
+    parts = {dive: compared.of_dive(dive) for dive in dives}
+    candidate, champion = (
+        {dive: part.figures(part.models[which])["patch"]["f1"] for dive, part in parts.items()}
+        for which in (0, 1)
     )
-    return falls(before, after)
+    return falls(before=champion, after=candidate)
 
 
 def _of_dive(part: ComparedModels, dive: str) -> list[dict[str, Any]]:

@@ -21,6 +21,7 @@ from tokt.models.operating_point import (
     missed_before,
 )
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
+from tokt.training.datasets.splits import block_of
 
 from .approaches import KnownDistances, approach_figures, approaches, false_status_per_hour
 
@@ -171,6 +172,8 @@ def frame_figures(
         said[of_frame == index] = found[of_frame == index]
     judged = of_frame >= 0
     ocean, obstacle = frames.ocean & judged, (frames.obstacles > 0) & judged
+    keys = frames.keys[["mission", "frame"]].itertuples(index=False, name=None)
+    blocks = np.array([block_of(*key) for key in keys], object)
     three = windowed(said[:, None].astype(np.float64), frames.place, 3, 3)[:, 0] == 1
     return {
         "ocean_frames": int(ocean.sum()),
@@ -186,8 +189,8 @@ def frame_figures(
         "false_status_per_hour": false_status_per_hour(
             int((ocean & said).sum()),
             int(ocean.sum()),
-            int(frames.keys.group[ocean & said].nunique()),
-            int(frames.keys.group[ocean].nunique()),
+            len({*blocks[ocean & said]}),
+            len({*blocks[ocean]}),
             None,  # frames a second: of 1,000 frames instead
         ),
     }
@@ -201,9 +204,9 @@ def _approaches(
     for (mission, camera), rows in frames.keys.groupby(["mission", "camera"]).indices.items():
         numbers = frames.keys.frame.to_numpy()[rows]
         spans = approaches(numbers.tolist(), *({*numbers[of[rows]]} for of in (ocean, obstacle)))
-        missed = np.diff(frames.place[rows], prepend=frames.place[rows[0]] - 1) - 1
+        missed = missed_before(numbers.tolist(), frame_step(numbers.tolist()))
         status = np.where(said[rows], OBSTACLE, CLEAR).tolist()
-        told = numbers.tolist(), missed.tolist(), status, spans, KnownDistances(), None
+        told = numbers.tolist(), missed, status, spans, KnownDistances(), None
         names = {"mission": str(mission), "camera": str(camera)}
         found += [{**names, **one} for one in approach_figures(*told)]
     return found

@@ -1,6 +1,6 @@
 """The rule for a new version of a model: it must not lose what the old one could do."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pandas as pd
@@ -42,11 +42,28 @@ def falls(before: Mapping[str, float | None], after: Mapping[str, float | None])
     return lines
 
 
-def held_out_by_dive(table: pd.DataFrame) -> bool:
-    """Return whether a table of held-out patches has several dives, each held out as a whole."""
+def held_out_units(
+    table: pd.DataFrame, missions: Collection[str]
+) -> dict[str, frozenset[str]] | None:
+    """Return which of `missions` were held out together with each, or None where it was by blocks.
+
+    Parameters
+    ----------
+    table : DataFrame
+        All patches of a version, as `Registry.held_out` gives them.
+    missions : collection of str
+        Dives that it shares with another version.
+    """
     tested = table[table.fold >= 0]
-    several = tested.mission.nunique() > 1
-    return bool(several and tested.groupby("mission").fold.nunique().max() == 1)
+    folds = tested.groupby("mission").fold.unique()
+    if len(folds) < 2 or any(len(numbers) > 1 for numbers in folds):
+        return None
+    number = {str(mission): int(numbers[0]) for mission, numbers in folds.items()}
+    known = [mission for mission in missions if mission in number]
+    return {
+        mission: frozenset(other for other in known if number[other] == number[mission])
+        for mission in known
+    }
 
 
 def held_out_falls(before: pd.DataFrame, after: pd.DataFrame, obstacle: Bools) -> list[str] | None:
@@ -62,12 +79,14 @@ def held_out_falls(before: pd.DataFrame, after: pd.DataFrame, obstacle: Bools) -
     Returns
     -------
     list of str or None
-        None where nothing can be compared: one held out whole dives and the other parts of them, or
-        no patch is in both.
+        None where nothing can be compared: no patch is in both, or their dives were held out
+        together with others, or in parts.
     """
     new = after.assign(obstacle=obstacle)[after.fold >= 0]
     both = new.merge(before[before.fold >= 0], on=[*PATCH_KEY, "label"], suffixes=("", "_before"))
-    if both.empty or held_out_by_dive(before) != held_out_by_dive(after):
+    missions = set(both.mission)
+    units = [held_out_units(table, missions) for table in (before, after)]
+    if both.empty or units[0] != units[1]:
         return None
     f1: dict[str, dict[str, float | None]] = {"obstacle_score_before": {}, "obstacle_score": {}}
     for dive, part in both.groupby("mission"):

@@ -153,6 +153,9 @@ class _NewDive:
         self.patches, self.targets = self.dataset.patches, self.dataset.targets()
         self.obstacle = self.dataset.obstacles()
         mine = (self.patches.mission == name).to_numpy()
+        sites = request.split.sites if known.split.by == DIVE else {}
+        site = self.patches.mission.map(lambda mission: sites.get(mission, mission))
+        self.sister = (site == sites.get(name, name)).to_numpy()  # of the same site
         self.rows, self.old_rows = np.flatnonzero(mine), np.flatnonzero(~mine)
         self.group = self.patches.group.to_numpy()
         self.frames, self.place = np.unique(self.patches.frame[mine], return_inverse=True)
@@ -195,12 +198,16 @@ class _NewDive:
         return Fold(np.sort(np.concatenate([self.old_rows, self.rows[mine]])), self.rows[tested])
 
     def old_folds(self, learnt: bool) -> Iterator[Fold]:
-        """The old model's folds; `learnt`: the new dive too, but for copies of what is tested."""
+        """The old model's folds; `learnt`: the new dive too, but for copies of what is tested.
+
+        Where whole sites are held out, it is not learnt with a dive of its own site.
+        """
         old = self.known.dataset
         for fold in self.known.split.cut(old.patches, old.targets()):
             test = self.old_rows[fold.test]
             mine = self.rows[~np.isin(self.group[self.rows], self.group[test])]
-            mine = mine if learnt else mine[:0]
+            if not learnt or self.sister[test].any():
+                mine = mine[:0]
             yield Fold(np.sort(np.concatenate([self.old_rows[fold.train], mine])), test)
 
     def task(self, fold: Fold, choice: Hyperparameters) -> tuple[Any, ...]:
@@ -396,8 +403,10 @@ def _contradiction(dive: _NewDive) -> list[str]:
     truth, known = dive.obstacle[dive.rows], np.isfinite(dive.before)
     if dive.is_one_sided or not known.all():
         return []
-    area = float(roc_auc_score(truth, dive.before))
-    if area >= _CHANCE:
+    area, ones, zeros = float(roc_auc_score(truth, dive.before)), truth.sum(), (~truth).sum()
+    # Its standard deviation where the model knows nothing (Mann and Whitney, 1947).
+    spread = math.sqrt((ones + zeros + 1) / (12 * ones * zeros))
+    if area >= _CHANCE - 2 * spread:
         return []
     return [
         f"labels that contradict {dive.known.bundle.label} (area under ROC {area:.2f}: obstacles "

@@ -165,7 +165,8 @@ def _sample(
     share = np.bincount(cell, parts)[: len(found)] / np.maximum(found, 1)
     weights = share[cell[kept]]
     # What a dive has of a class, and none of it was drawn, the other dives' patches stand for.
-    weights *= (of_class / np.bincount(targets[kept], weights, len(of_class)))[targets[kept]]
+    drawn_of_class = np.bincount(targets[kept], weights, len(of_class))[targets[kept]]
+    weights *= of_class[targets[kept]] / drawn_of_class
     return kept, weights * len(kept) / weights.sum()
 
 

@@ -183,7 +183,7 @@ def train(options: TrainOptions, *, progress: Progress = no_progress) -> Trained
     )
     before = _replaced(registry, name)
     version = TrainedVersion(log_and_register(trained, registry, key), trained, workspace)
-    return version if before is None else _compared(version, before, registry)
+    return version if before is None else compared_with(version, before, registry)
 
 
 def _replaced(registry: Registry, name: str) -> RegisteredVersion | None:
@@ -193,16 +193,18 @@ def _replaced(registry: Registry, name: str) -> RegisteredVersion | None:
     return next(champions, versions[0] if versions else None)
 
 
-def _compared(
+def compared_with(
     version: TrainedVersion, before: RegisteredVersion, registry: Registry
 ) -> TrainedVersion:
-    """The version with what the dives of the one before lost."""
+    """Return the version with what the dives of the one before lost, if that can be told."""
+    dataset = version.trained.request.dataset
     try:
-        table = registry.held_out(before.label)
+        table, grid = registry.held_out(before.label), registry.recipe(before)["grid"]
     except ToktError:  # an older tokt kept none, or it is damaged
         return replace(version, before=before.label)
-    obstacle = version.trained.request.dataset.obstacles()
-    worse = held_out_falls(table, held_out_table(version.trained), obstacle)
+    if grid != dataset.grid.to_json():
+        return replace(version, before=before.label)
+    worse = held_out_falls(table, held_out_table(version.trained), dataset.obstacles())
     return replace(version, before=before.label, worse=worse)
 
 

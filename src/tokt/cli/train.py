@@ -174,7 +174,7 @@ def adapt(
     from tokt.training.fitting.adapt import adaptation, known_model, with_rate
     from tokt.training.fitting.tracking import adaptation_page, log_adaptation, log_and_register
     from tokt.training.fitting.train import fit_and_measure
-    from tokt.training.fitting.train_options import TrainedVersion
+    from tokt.training.fitting.train_options import TrainedVersion, compared_with
 
     if force is not None and not force.strip():
         raise ToktError("--force needs the reason in words")
@@ -193,6 +193,8 @@ def adapt(
         )
     trained = fit_and_measure(found.request, cache, progress, jobs)
     version = TrainedVersion(log_and_register(trained, registry, key), trained, workspace)
+    # What was allowed is by fits with the old folds' C and prior; these are the version's own.
+    version = compared_with(version, registry.find(known.bundle.label), registry)
     told = with_rate({**found.told, "forced": force}, version.operating_point)
     log_adaptation(told, version.registered, registry)
     if output:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tokt.training.evaluation.old_dives import falls, held_out_falls
+from tokt.training.evaluation.old_dives import falls, held_out_falls, held_out_units
 
 
 def test_a_dive_may_fall_by_little_and_the_mean_by_less():
@@ -46,6 +46,20 @@ def test_versions_are_compared_on_what_both_held_out(table):
     ):
         assert held_out_falls(change(table), after, obstacle) == []
     assert held_out_falls(table[:0], after, obstacle) is None
+
+
+def test_a_dive_held_out_alone_is_not_compared_with_one_held_out_with_its_site(table):
+    """A model that learnt of the same site does better, and says nothing of the other."""
+    third = table[table.mission == "a"].assign(mission="c", fold=2)
+    alone = pd.concat([table, third], ignore_index=True)
+    obstacle = (alone.label == "rock").to_numpy()
+    site = alone.assign(fold=alone.fold.where(alone.mission != "c", 0))
+    assert held_out_units(site, {"a", "b"}) == held_out_units(alone, {"a", "b"})
+    assert held_out_falls(alone, site, obstacle) is None
+    assert held_out_falls(site, alone, obstacle) is None
+    assert held_out_falls(site, site, obstacle) == []
+    # With a dive that the other one does not know it may be held out together.
+    assert held_out_falls(table, site, obstacle) == []
 
 
 def test_whole_dives_are_not_compared_with_blocks(table):
