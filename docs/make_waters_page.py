@@ -6,8 +6,9 @@ The first two are the answers of ``tokt train DATASET --stress --json`` and of t
 ``--stress`` and with ``--site NAME=NAME`` for one dive, so that dives are held out and not sites.
 Each line of the third is about one dive, to which a model of the other sites was adapted with some
 of its frames: mission, labelled (frames), times, before and after (F1 and AP on its other frames),
-mean, worst and worst_dive (changes of F1 of the old dives). What stands outside of the marks is
-written by hand, and so is what a dive shows.
+mean, worst and worst_dive (changes of F1 of the old dives). No command of tokt writes these lines
+yet: they come from `tokt.training.fitting.adapt.adaptation`, called on models of the other sites.
+What stands outside of the marks is written by hand, and so is what a dive shows.
 """
 
 import json

@@ -115,12 +115,6 @@ def _folds(kept: Mapping[str, pd.DataFrame], by_dive: bool) -> tuple[I64, dict[s
     }
 
 
-def _comparable(table: pd.DataFrame, label: str) -> pd.DataFrame:
-    if "value_0" not in table:
-        raise ToktError(f"model {label} was trained by an older tokt; train it again to compare it")
-    return table
-
-
 def _frames(table: pd.DataFrame, truth: Bools, bundle: Bundle) -> pd.DataFrame:
     """One row a frame, with its kind and its fold."""
     groups = table.assign(clear=~truth).groupby(FRAME_KEY)
@@ -229,7 +223,12 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     check_different(labels)
     recipes = {label: registry.recipe(registry.find(label)) for label in labels}
     datasets = _datasets(recipes, workspace)
-    tables = {label: _comparable(registry.held_out(label), label) for label in labels}
+    tables = {label: registry.held_out(label) for label in labels}
+    for label, table in tables.items():
+        if "value_0" not in table:
+            raise ToktError(
+                f"model {label} was trained by an older tokt; train it again to compare it"
+            )
     total = max(len(table) for table in tables.values())
     # The thesis's models learn from a frame of a dive that they are tested on.
     by_dive = _held_out_alike(tables) and all(

@@ -39,7 +39,8 @@ def judge_candidate(compared: ComparedModels, max_ms: float | None = None) -> di
     time, faults (a line each) and notes.
     """
     dives = list(dict.fromkeys(compared.series.table.mission))
-    rows = [row for dive in dives for row in _of_dive(compared.of_dive(dive), dive)]
+    parts = {dive: compared.of_dive(dive) for dive in dives}
+    rows = [row for dive, part in parts.items() for row in _of_dive(part, dive)]
     rows += _patch_rows(compared, "") if len(dives) > 1 else []
     rows += _false_statuses(compared, "")
     times = measure_times(compared)["models"]
@@ -51,7 +52,7 @@ def judge_candidate(compared: ComparedModels, max_ms: float | None = None) -> di
         for row in rows
         if row["worse"]
     ]
-    faults += [f"old dives lose too much: {line}" for line in _falls(compared, dives)]
+    faults += [f"old dives lose too much: {line}" for line in _falls(parts)]
     faults += filter(None, [compared.models[0].bundle.silence])
     if not any(row["interval"] for row in rows):
         faults.append("too few blocks to tell anything: compare them on more dives (--mission)")
@@ -64,9 +65,8 @@ def judge_candidate(compared: ComparedModels, max_ms: float | None = None) -> di
     }
 
 
-def _falls(compared: ComparedModels, dives: list[str]) -> list[str]:
+def _falls(parts: dict[str, ComparedModels]) -> list[str]:
     """What the dives' F1 of obstacles loses beyond the rule."""
-    parts = {dive: compared.of_dive(dive) for dive in dives}
     candidate, champion = (
         {dive: part.figures(part.models[which])["patch"]["f1"] for dive, part in parts.items()}
         for which in (0, 1)

@@ -1,14 +1,16 @@
 """A registered model that learns a new dive too: what that gains there and costs elsewhere."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from sklearn.metrics import roc_auc_score
+from scipy.stats import mannwhitneyu
 from threadpoolctl import ThreadpoolController
 
 from tokt.features.common.arrays import F64, I64, Bools
@@ -45,7 +47,7 @@ labels are water, or all are obstacles, nothing vouches for them: then it counts
 """
 _MIN_LAST, _MIN_STEPS = 3, 3  # labelled frames, and orders, that tell what the next ones bring
 _SMALL = 0.01  # of F1
-_CHANCE = 0.5  # area under the receiver operating characteristic of a model that knows nothing
+_CONTRADICTION = 0.023  # p-value: of two standard deviations below a model that knows nothing
 _MOST = 0.75  # of the orders
 _FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
 
@@ -179,6 +181,13 @@ class _NewDive:
         found[np.searchsorted(self.rows, rows)] = self.known.bundle.model.obstacle_score(values)
         return found
 
+    def counting(self, request: TrainRequest) -> Self:
+        """Return the same dive, counting in learning as a request says."""
+        other = copy(self)
+        other.request, (settings, augmented, _) = request, self._rest
+        other._rest = settings, augmented, request.split.dives(self.patches)
+        return other
+
     @property
     def is_one_sided(self) -> bool:
         """Whether all labels of the dive are obstacles, or none is."""
@@ -245,11 +254,6 @@ class Adaptation:
     request: TrainRequest  # of the next version
     told: dict[str, Any]  # as `adaptation` says; plain JSON
 
-    @property
-    def worse(self) -> list[str]:
-        """What the old dives lose beyond the rule (`falls`), a line each."""
-        return list(self.told["worse"])
-
 
 def adaptation(
     known: KnownModel,
@@ -287,8 +291,9 @@ def adaptation(
     -------
     Adaptation
         Its JSON: mission, before (the model), labelled, times (how many times its share the dive
-        counts), lost (by old dive), worse (`falls`), tried (times and worse of all that were
-        tried), gained (null where nothing can be told), curve (a dict a number of labelled frames).
+        counts, if by_dive), lost (by old dive), worse (`falls`), tried (times and worse of all that
+        were tried), gained (null where nothing can be told), curve (a dict a number of labelled
+        frames).
     """
     spec, moving = known.bundle.extractor.spec, known.settings.moving_boundary
     features = cached_features(dataset, spec, cache, progress, jobs, whole_frames=moving)
@@ -299,23 +304,24 @@ def adaptation(
     whole = WholeFrames.of(dataset, features) if moving else None
     with ThreadpoolController().limit(limits=1):
 
-        def dive_counting(times: float) -> _NewDive:
-            request = adapted_request(known, dataset, by, sites, {name: times})
-            return _NewDive(known, request, name, features, augmented, whole)
+        def request_counting(times: float) -> TrainRequest:
+            return adapted_request(known, dataset, by, sites, {name: times})
 
-        usual = dive_counting(USUAL)
+        usual = _NewDive(known, request_counting(USUAL), name, features, augmented, whole)
         before, faults = _old_scores(usual, False, progress, jobs), _contradiction(usual)
+        tried: dict[float, dict[str, Any]] = {}
 
-        def lost_where_it_counts(times: float) -> dict[str, Any]:
-            counting = dive_counting(times)
-            lost = _lost(counting, before, _old_scores(counting, True, progress, jobs))
-            return {"times": times, "lost": lost, "worse": [*faults, *_worse(lost)]}
+        def holds(times: float) -> bool:
+            after = _old_scores(usual.counting(request_counting(times)), True, progress, jobs)
+            lost = _lost(usual, before, after)
+            tried[times] = {"times": times, "lost": lost, "worse": [*faults, *_worse(lost)]}
+            return not tried[times]["worse"]
 
         alone = bool(faults) or forced or usual.request.split.weight != DIVE
-        tried = _bisected((USUAL,) if alone else usual.possible_times, lost_where_it_counts)
-        held = [one for one in tried if not one["worse"]]
-        chosen = held[0] if held else tried[-1]
-        dive = dive_counting(chosen["times"])
+        several = (USUAL,) if alone else usual.possible_times
+        first = bisect_left(several, True, key=holds)
+        chosen = tried[several[min(first, len(several) - 1)]]
+        dive = usual.counting(request_counting(chosen["times"]))
         gained, curve = _gained_and_curve(dive, _orders(dive, known.bundle, draws), progress, jobs)
     told: dict[str, Any] = {
         "mission": name,
@@ -327,24 +333,15 @@ def adaptation(
             "of_old_blocks": int((~dive.testable).sum()),
         },
         **chosen,
-        "tried": [{key: one[key] for key in ("times", "worse")} for one in tried],
+        "by_dive": dive.request.split.weight == DIVE,
+        "tried": [
+            {"times": times, "worse": tried[times]["worse"]}
+            for times in sorted(tried, reverse=True)
+        ],
         "gained": gained,
         "curve": curve,
     }
     return Adaptation(dive.request, {**told, "words": _words(told)})
-
-
-def _bisected(
-    several: Sequence[float], lost_at: Callable[[float], dict[str, Any]]
-) -> list[dict[str, Any]]:
-    """What is lost at some of the falling `several`, by bisection for the first without a fault."""
-    tried: dict[float, dict[str, Any]] = {}
-    low, high = 0, len(several)
-    while low < high:
-        middle = (low + high) // 2
-        tried[several[middle]] = found = lost_at(several[middle])
-        low, high = (middle + 1, high) if found["worse"] else (low, middle)
-    return [tried[times] for times in sorted(tried, reverse=True)]
 
 
 def with_rate(told: Mapping[str, Any], operating_point: OperatingPoint) -> dict[str, Any]:
@@ -400,17 +397,16 @@ def _orders(dive: _NewDive, bundle: Bundle, draws: int) -> list[list[int]]:
 
 def _contradiction(dive: _NewDive) -> list[str]:
     """A line where the labels say the opposite of the old model: as where classes were swapped."""
-    truth, known = dive.obstacle[dive.rows], np.isfinite(dive.before)
-    if dive.is_one_sided or not known.all():
+    truth = dive.obstacle[dive.rows]
+    if dive.is_one_sided or not np.isfinite(dive.before).all():
         return []
-    area, ones, zeros = float(roc_auc_score(truth, dive.before)), truth.sum(), (~truth).sum()
-    # Its standard deviation where the model knows nothing (Mann and Whitney, 1947).
-    spread = math.sqrt((ones + zeros + 1) / (12 * ones * zeros))
-    if area >= _CHANCE - 2 * spread:
+    test = mannwhitneyu(dive.before[truth], dive.before[~truth], alternative="less")
+    if test.pvalue >= _CONTRADICTION:
         return []
+    share = test.statistic / (truth.sum() * (~truth).sum())
     return [
-        f"labels that contradict {dive.known.bundle.label} (area under ROC {area:.2f}: obstacles "
-        "score lower than water)"
+        f"labels that contradict {dive.known.bundle.label} (an obstacle scores higher than water "
+        f"in {share:.0%} of pairs)"
     ]
 
 
@@ -511,14 +507,15 @@ def _counts(told: dict[str, Any]) -> str:
     """How much the new dive counts, and why no more."""
     name, times = told["mission"], told["times"]
     counts = f"{name} counts {times:g} times the usual share of a dive of so many patches"
+    if not told["by_dive"]:
+        counts = "each patch counts the same"
     more = [one for one in told["tried"] if one["times"] > times and one["worse"]]
     if told["worse"]:
         return f"TOO MUCH IS LOST where {counts}: {'; '.join(told['worse'])}."
     if more:
-        return f"{counts}; with {more[-1]['times']:g} times too much is lost: " + (
-            f"{'; '.join(more[-1]['worse'])}."
-        )
-    return f"{counts}."
+        counts += f"; with {more[-1]['times']:g} times too much is lost: "
+        counts += "; ".join(more[-1]["worse"])
+    return f"In learning {counts}."
 
 
 def _more(curve: list[dict[str, Any]]) -> str:

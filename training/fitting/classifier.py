@@ -62,9 +62,10 @@ def fit_rows(
         The dive of each patch, which then count by `Dives.weights`; by default patches count alike.
     """
     own, parts = None, np.ones(len(rows))
-    if dives is not None and len(np.unique(dives.number[rows])) > 1:
-        own, parts = dives.number[rows], dives.part(rows).weights()
-        added = dives.added[own]
+    mine = None if dives is None else dives.part(rows)
+    if mine is not None and len(np.unique(mine.number)) > 1:
+        own, parts = mine.number, mine.weights()
+        added = mine.added[own]
         if added.any() and not added.all():
             parts /= parts[~added].mean()  # so that C acts on the others as without it
             kept, late = (

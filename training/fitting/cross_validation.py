@@ -482,20 +482,19 @@ def robustness_figures(
     Each fold's model scores the augmented frames of its test part. `learnt` are the augmentations
     that the models learnt from, on other frames. By augmentation there are f1, average_precision,
     fall (of F1, against the frames as they are), false_status, ocean_frames, detected,
-    obstacle_frames (at the folds' rules), learnt, and of several dives their f1 (`dives`).
+    obstacle_frames (at the folds' rules), learnt, and of several dives `metrics_by` them (dives).
     """
     tested = held_out.fold >= 0
-    truth = np.asarray(model.obstacle, bool)[dataset.targets()[tested]]
+    targets, found = dataset.targets()[tested], {}
+    truth = np.asarray(model.obstacle, bool)[targets]
     plain = obstacle_metrics(truth, model.obstacle_score(held_out.values[tested]))["f1"]
-    mission, found = dataset.patches.mission[tested].to_numpy(), {}
+    mission = dataset.patches.mission[tested].to_numpy()
     for name, values in held_out.stressed.items():
         score = model.obstacle_score(values)
         patch = obstacle_metrics(truth, score[tested])
         f1 = patch["f1"]
-        dives = {
-            str(dive): obstacle_metrics(truth[mission == dive], score[tested][mission == dive])
-            for dive in np.unique(mission)
-        }
+        said = score[tested], targets, model.predicted(values[tested]), model.classes
+        dives = metrics_by(mission, truth, *said)
         frames = frame_figures(dataset, score, held_out.fold, held_out.rules)
         found[name] = {
             "f1": f1,

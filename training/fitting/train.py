@@ -260,7 +260,9 @@ def _changes(settings: TrainingSettings) -> str:
 
 def _drawn(request: TrainRequest) -> str:
     most, patches = request.settings.max_samples, len(request.dataset.patches)
-    fits = f" A fit learns from {most:,} patches at most, drawn by lot." if patches > most else ""
+    also = " (and as many of added dives)" if request.split.added else ""
+    fits = f" A fit learns from {most:,} patches at most{also}, drawn by lot."
+    fits = fits if patches > most else ""
     return request.split.judged_words(request.dataset) + fits
 
 

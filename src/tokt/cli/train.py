@@ -183,12 +183,13 @@ def adapt(
     data, name = _with_new_dive(known, model, mission, labels or [], workspace)
     asked = split, site or (), force is not None
     found = adaptation(known, data, name, cache, progress, draws, jobs, *asked)
-    if found.worse and force is None:
+    worse = found.told["worse"]
+    if worse and force is None:
         if output:
             atomic.write_text(output, adaptation_page(found.told, f"{known.bundle.name} (refused)"))
         answer(json, {"adaptation": found.told}, lambda: _print_adaptation("The next", found.told))
         raise ToktError(
-            f"no version was registered, because of what would be lost: {'; '.join(found.worse)}. "
+            f"no version was registered, because of what would be lost: {'; '.join(worse)}. "
             f"Check the labels of {name}, or give --force WHY"
         )
     trained = fit_and_measure(found.request, cache, progress, jobs)
