@@ -24,9 +24,6 @@ ROOT = Path(__file__).resolve().parents[4]
 HERE = Path(__file__).parent
 SYSTEM_PYTHON = "/usr/bin/python3"
 _END_S = 10.0
-_PIPE_BYTES = 1 << 20
-"""GStreamer 1.22's `rawvideoparse` loses its place for good where a picture comes in parts with a
-pause between them: so each fits into the pipe."""
 
 
 def _has_gst_rtsp() -> bool:
@@ -104,7 +101,7 @@ class Sender:
             sink = subprocess.DEVNULL if last and self.url_of is None else subprocess.PIPE
             with self.said.open("ab") as errors:
                 streams = {"stdin": source, "stdout": sink, "stderr": errors}
-                process = subprocess.Popen(command, cwd=ROOT, pipesize=_PIPE_BYTES, **streams)
+                process = subprocess.Popen(command, cwd=ROOT, **streams)
             if place:
                 source.close()
             source = process.stdout
