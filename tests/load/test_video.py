@@ -17,10 +17,11 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux programs"
 @needs_gst
 @needs_gst_rtsp
 def test_a_short_look_at_video(run_load, tmp_path, monkeypatch):
-    short = replace(video_run.QUICK, captures=10, streams=2, seconds=1.0, pictures=135)
+    short = replace(video_run.QUICK, captures=10, streams=2, seconds=3.0, pictures=135)
     short = replace(short, film=Film(size=(640, 480), kbit=3000))
     monkeypatch.setattr(video_run, "QUICK", short)
     ran = run_load("video", "--quick", "--json", "--out", tmp_path / "out")
+    assert ran.code == 0, ran.err
     found = json.loads(ran.out)
     assert found["captures"]["streams"] == 10 and found["captures"]["whole"] > 10
     assert found["live"]["streams"] == 2 and found["live"]["sent"] == 60

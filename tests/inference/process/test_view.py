@@ -425,7 +425,8 @@ def test_a_run_shows_films_and_ends(make_mission, bundle_file, closed_port, tmp_
     pytest.importorskip("av")
     monkeypatch.chdir(tmp_path)
     process = start_tokt(
-        *("run", "--bundle", bundle_file, "--source", make_mission([[(1, 1)], []] * 50)),
+        # Far more frames than the film needs: a busy machine must not come to their end before.
+        *("run", "--bundle", bundle_file, "--source", make_mission([[(1, 1)], []] * 400)),
         *("--udp", f"127.0.0.1:{closed_port}", "--rate", "10", "--view", "0"),
         *("--view-host", "127.0.0.1", "--view-record", tmp_path / "dive.mp4"),
     )
