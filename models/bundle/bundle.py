@@ -15,6 +15,8 @@ so that the same model gives the same bytes:
 - ``distribution.npz``: how the features of the training patches were distributed, and the limits
   of drift that were measured on them (`tokt.models.distribution`). Not there where a model was
   trained on too little to measure them: its drift is not known.
+- ``dataset.zip``: what the model learnt from, as rows of features with classes and dives, so that
+  training can go on from it (`tokt.training.fitting.carried`). Models that come with tokt have it.
 - ``card.md``: the same for people.
 
 Any format may have one more member, ``signature.json`` (`tokt.models.bundle.signature`). It stands
@@ -27,7 +29,7 @@ shape and bound, and only then *construct* and recompute the golden values. No p
 Format 1 has no ``operating_point``: any one patch over its threshold is an obstacle at once.
 Formats 1 and 2 have no ``distribution.npz``, formats 1 to 3 no map, and in their operating point
 neither a prior of the water nor a distance to landmarks. Formats 1 to 4 have no ``sight``, formats
-1 to 5 no ``frame_sizes``: they are those of the golden frames.
+1 to 5 no ``frame_sizes``: they are those of the golden frames; and no ``dataset.zip``.
 
 To change the format: raise FORMAT_VERSION, keep the reader of the old one, and prove with a file
 of the old one in a test that it still loads.
@@ -74,10 +76,12 @@ SUFFIX = ".tokt"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 
 _DISTRIBUTION = "distribution.npz"
+_DATASET = "dataset.zip"
 _MEMBERS = (
     *("manifest.json", "weights.npz", "golden.npz", "lineage.npz"),
-    *(_DISTRIBUTION, "card.md"),
+    *(_DISTRIBUTION, _DATASET, "card.md"),
 )
+_OPTIONAL_SINCE = {_DISTRIBUTION: 3, _DATASET: 6}  # members, and the format that they came with
 MAX_MEMBER_BYTES = 64 * 1024 * 1024
 _MAX_FAULT = 200  # characters
 _MAX_NAME = 100  # characters
@@ -134,6 +138,7 @@ class BundleContent:
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
     distribution: Distribution | None = None  # None where there is nothing to compare frames with
     sight: tuple[SightLimits, ...] = ()  # for each size of the training frames, where measured
+    dataset: bytes | None = None  # as `tokt.training.fitting.carried` has it; opaque here
     frame_sizes: tuple[Size, ...] = ()  # of the training frames; by default the golden frames'
 
     def __post_init__(self) -> None:
@@ -269,7 +274,8 @@ class Bundle(BundleContent):
         return moved(values, boundary, self.model.obstacle)
 
 
-def _zip(members: Mapping[str, bytes]) -> bytes:
+def zip_bytes(members: Mapping[str, bytes]) -> bytes:
+    """Return a zip of these members, in this order; the same members give the same bytes."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name, data in members.items():
@@ -277,13 +283,14 @@ def _zip(members: Mapping[str, bytes]) -> bytes:
     return buffer.getvalue()
 
 
-def _npz(**arrays: NDArray[Any]) -> bytes:
+def npz_bytes(**arrays: NDArray[Any]) -> bytes:
+    """Return arrays as an npz file; the same arrays give the same bytes."""
     members: dict[str, bytes] = {}
     for name, array in arrays.items():
         npy = io.BytesIO()
         np.lib.format.write_array(npy, array, allow_pickle=False)
         members[f"{name}.npy"] = npy.getvalue()
-    return _zip(members)
+    return zip_bytes(members)
 
 
 def _png_size(png: bytes) -> tuple[int, int]:
@@ -293,7 +300,7 @@ def _png_size(png: bytes) -> tuple[int, int]:
 
 def golden_bytes(golden: Golden) -> bytes:
     """The ``golden.npz`` member."""
-    return _npz(
+    return npz_bytes(
         frames=np.frombuffer(b"".join(golden.frames), np.uint8),
         sizes=np.array([len(frame) for frame in golden.frames], np.int64),
         decision_values=golden.decision_values,
@@ -310,13 +317,13 @@ def weights_bytes(model: LinearModel) -> bytes:
     """The ``weights.npz`` member."""
     mapped = {} if model.map is None else vars(model.map)
     arrays = {"weights": model.weights, "bias": model.bias, "thresholds": model.thresholds}
-    return _npz(**arrays, **{name: np.asarray(value) for name, value in mapped.items()})
+    return npz_bytes(**arrays, **{name: np.asarray(value) for name, value in mapped.items()})
 
 
 def distribution_bytes(distribution: Distribution) -> bytes:
     """The ``distribution.npz`` member."""
     values = vars(distribution).items()
-    return _npz(**{name: np.asarray(value, _DISTRIBUTED[name]) for name, value in values})
+    return npz_bytes(**{name: np.asarray(value, _DISTRIBUTED[name]) for name, value in values})
 
 
 def classes_json(model: LinearModel) -> list[dict[str, Any]]:
@@ -331,11 +338,13 @@ def bundle_bytes(content: BundleContent) -> bytes:
     members = {
         "weights.npz": weights_bytes(model),
         "golden.npz": golden_bytes(content.golden),
-        "lineage.npz": _npz(trained_on=np.sort(content.trained_on)),
+        "lineage.npz": npz_bytes(trained_on=np.sort(content.trained_on)),
         "card.md": content.card.encode("utf-8"),
     }
     if content.distribution is not None:
         members[_DISTRIBUTION] = distribution_bytes(content.distribution)
+    if content.dataset is not None:
+        members[_DATASET] = content.dataset
     manifest: dict[str, Any] = {
         "format_version": FORMAT_VERSION,
         "name": content.name,
@@ -352,7 +361,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
     }
     manifest["manifest_sha256"] = json_sha256(manifest)
     members["manifest.json"] = (json.dumps(manifest, indent=2, sort_keys=True) + "\n").encode()
-    return _zip({name: members[name] for name in _MEMBERS if name in members})
+    return zip_bytes({name: members[name] for name in _MEMBERS if name in members})
 
 
 def unzip(data: bytes, where: str) -> dict[str, bytes]:
@@ -389,7 +398,7 @@ def with_signature(data: bytes, signature: Signature, where: str) -> bytes:
     """The same bundle file with this signature in place of any it had."""
     members = unzip(data, where)
     members[SIGNATURE] = signature.to_bytes()
-    return _zip(members)
+    return zip_bytes(members)
 
 
 def _manifest_of(members: dict[str, bytes], where: str) -> bytes:
@@ -434,9 +443,10 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
         sound = False
     if not sound:
         raise ToktError(f"{where}: the bundle's manifest has been edited (its hash does not match)")
-    wanted = set(_MEMBERS[1:])
-    if version < 3 or _DISTRIBUTION not in members:
-        wanted.remove(_DISTRIBUTION)
+    missing = {
+        name for name, since in _OPTIONAL_SINCE.items() if version < since or name not in members
+    }
+    wanted = set(_MEMBERS[1:]) - missing
     if not isinstance(manifest["members"], dict) or not (
         set(manifest["members"]) == set(members) == wanted
     ):
@@ -629,6 +639,7 @@ def _check_content(
             card=members["card.md"].decode("utf-8"),
             operating_point=_operating_point(manifest, grid, model),
             distribution=distribution,
+            dataset=members.get(_DATASET),
             sight=sight_from_json(manifest["sight"]) if "sight" in manifest else (),
             frame_sizes=_sizes_from(manifest["frame_sizes"]) if "frame_sizes" in manifest else (),
         )

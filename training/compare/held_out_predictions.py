@@ -280,6 +280,11 @@ def check_different(labels: Sequence[str], hashes: Sequence[str] | None = None) 
         raise ToktError("compare needs at least two models")
 
 
-def _reader(dataset: DatasetVersion) -> Callable[[str, str, int], U8]:
+def _reader(dataset: DatasetVersion) -> Callable[[str, str, int], U8 | None]:
     index = pd.MultiIndex.from_frame(dataset.frames[FRAME_KEY])
-    return lambda *key: dataset.read_frame(int(index.get_loc(key)))
+
+    def read(*key: Any) -> U8 | None:
+        row = int(index.get_loc(key))
+        return dataset.read_frame(row) if dataset.pictured[row] else None
+
+    return read

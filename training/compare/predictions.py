@@ -88,7 +88,7 @@ class ComparedModels:
     models: list[ModelPredictions]
     series: FrameSeries
     # The picture of a mission, camera and frame; None where pictures are not at hand.
-    read_frame: Callable[[str, str, int], U8] | None
+    read_frame: Callable[[str, str, int], U8 | None] | None
     dataset: DatasetVersion | None  # what the models were cross-validated on
     notes: list[str]  # what a reader must know of how the figures came about
     stated: AtSea = NOTHING_STATED

@@ -181,10 +181,15 @@ def _pictures(compared: ComparedModels, errors: Sequence[dict[str, Any]]) -> lis
     for error in errors:
         key = error["mission"], error["camera"], error["frame"]
         if not compared.has_frames:  # a patch has no surroundings, and no dark water to see through
-            uris.append(jpeg_uri(compared.read_frame(*key)))
+            picture = compared.read_frame(*key)
+            uris.append(None if picture is None else jpeg_uri(picture))
             continue
         if key not in found:
-            found = {key: enhanced(compared.read_frame(*key))}
+            picture = compared.read_frame(*key)
+            if picture is None:
+                uris.append(None)
+                continue
+            found = {key: enhanced(picture)}
         uris.append(jpeg_uri(_surroundings(found[key], grid, error["row"], error["col"]), 80))
     return uris
 

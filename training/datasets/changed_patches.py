@@ -5,7 +5,7 @@ An augmentation by name (``jpeg_60``) changes each frame once and leaves its pat
 often, and keeps some of their patches.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,13 @@ from .augmentations import RANDOM, parse_augmentation
 from .dataset import FRAME_KEY, DatasetVersion, read_stored_frame
 from .feature_cache import cached_features, cached_table, feature_key
 from .frame_changes import at_width, changed
+from .frame_rows import SUFFIX as ROWS
+from .frame_rows import read_frame_rows
 
 PATCHES_A_FRAME = 25
 """Labelled patches of a changed frame that are kept, drawn at random: neighbours say the same."""
+STORED_CHANGES = 2
+"""Changes of a frame without a picture: as many times `PATCHES_A_FRAME` patches are kept of it."""
 FRAMES_A_DIVE = 24
 """Frames of a dive that are changed as often as asked; those of longer dives share as many."""
 
@@ -60,11 +64,11 @@ def changed_patches(
 
     Parameters are those of `cached_features`; `name` is ``random_N`` or an augmentation's.
     """
-    kind, often = parse_augmentation(name)
+    kind, _ = parse_augmentation(name)
     if kind != RANDOM:
         table = cached_features(dataset, spec, cache, progress, jobs, dask, name)
         return ChangedPatches(table, np.arange(len(table)))
-    tasks = _tasks(dataset, spec, int(often))
+    tasks = _tasks(dataset, spec, name)
     dim = build_extractor(spec).dim
     path = cache / f"{dataset.name}-{feature_key(dataset, spec, name)}.npy"
     rows = np.arange(len(tasks) * PATCHES_A_FRAME).reshape(-1, PATCHES_A_FRAME)
@@ -87,10 +91,12 @@ class _Task:
     row_of: I64  # (n_patches,): each patch's row in the dataset's patches, -1 for one without label
     obstacle: Bools  # (n_patches,)
     number: int  # of the change, so that each is another one
+    changes: str  # ``random_N``
 
 
-def _tasks(dataset: DatasetVersion, spec: dict[str, Any], often: int) -> list[_Task]:
+def _tasks(dataset: DatasetVersion, spec: dict[str, Any], name: str) -> list[_Task]:
     """The changes of a dataset's frames, in their order."""
+    often = int(parse_augmentation(name)[1])
     patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
     cell, obstacle = (patches.row * grid.cols + patches.col).to_numpy(), dataset.obstacles()
     rows_of = patches.groupby(FRAME_KEY).indices
@@ -98,19 +104,55 @@ def _tasks(dataset: DatasetVersion, spec: dict[str, Any], often: int) -> list[_T
     folder, tasks = dataset.path.resolve() / "frames", list[_Task]()
     for places in frames.reset_index(drop=True).groupby("mission").indices.values():
         labelled = [place for place in places.tolist() if keys[place] in rows_of]
-        total = often * min(len(labelled), FRAMES_A_DIVE)
-        for number in range(total):
-            place = labelled[number * len(labelled) // total]
+        for place, number in _schedule(labelled, dataset.pictured, often):
             rows, frame = rows_of[keys[place]], frames.iloc[place]
             row_of, solid = np.full(grid.n_patches, -1), np.zeros(grid.n_patches, bool)
             row_of[cell[rows]], solid[cell[rows]] = rows, obstacle[rows]
             file = folder / frame.file, frame.digest, dataset.mask(place)
-            tasks.append(_Task(*file, spec, grid, row_of, solid, number))
+            tasks.append(_Task(*file, spec, grid, row_of, solid, number, name))
     return tasks
+
+
+def _schedule(labelled: Sequence[int], pictured: Bools, often: int) -> list[tuple[int, int]]:
+    """Return which frames of a dive are changed, and the number of each change."""
+    stored = [place for place in labelled if not pictured[place]]
+    if stored:
+        return [(place, number) for place in stored for number in range(STORED_CHANGES)]
+    total = often * min(len(labelled), FRAMES_A_DIVE)
+    return [(labelled[number * len(labelled) // total], number) for number in range(total)]
+
+
+def stored_rows(changed: ChangedPatches, patches: I64, cells: I64) -> tuple[F64, I64]:
+    """Return what a file of rows keeps of a frame's changed patches, and which patch each shows.
+
+    Parameters
+    ----------
+    changed : ChangedPatches
+        Of the whole dataset.
+    patches : array of int, shape (n,)
+        The frame's rows of the dataset's patches, rising.
+    cells : array of int, shape (n,)
+        Their places in the grid.
+    """
+    rows = changed.of(patches)[: STORED_CHANGES * PATCHES_A_FRAME]
+    return changed.features[rows], cells[np.searchsorted(patches, changed.source[rows])]
+
+
+def _stored_changes(task: _Task) -> F64:
+    """Return what `_describe_changed` does, of a frame without a picture."""
+    rows = read_frame_rows(task.path, task.digest, task.spec, task.changes)
+    some = slice(task.number * PATCHES_A_FRAME, (task.number + 1) * PATCHES_A_FRAME)
+    values, cells = rows.changed[some], rows.cells[some]
+    out = np.zeros((PATCHES_A_FRAME, rows.values.shape[1] + 1))
+    out[:, -1] = -1
+    out[: len(cells), :-1], out[: len(cells), -1] = values, task.row_of[cells]
+    return out
 
 
 def _describe_changed(task: _Task) -> F64:
     """Features of some patches of a changed frame, and last the row of each one's source."""
+    if task.path.suffix == ROWS:
+        return _stored_changes(task)
     frame = read_stored_frame(task.path, task.digest, task.mask)
     rng = np.random.default_rng([int(task.digest[:16], 16), task.number])
     shape = task.grid.rows, task.grid.cols

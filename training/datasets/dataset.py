@@ -5,13 +5,15 @@ On disk, below the workspace::
     datasets/NAME/HASH/dataset.json     format, task, grid, taxonomy, counts, sources
     datasets/NAME/HASH/patches.parquet  one row a labelled patch
     datasets/NAME/HASH/frames.parquet   one row a frame: mission, camera, number, group, pixel hash
-    datasets/NAME/HASH/frames/          the frames' own files, named by pixel hash
+    datasets/NAME/HASH/frames/          the frames' own files, named by pixel hash; of frames that
+                                        must not be given away files of rows (`frame_rows`)
     datasets/NAME/latest                the hash that NAME alone means
 
 The hash is SHA-256 over everything that can change what a model learns: task, grid, taxonomy,
 every patch's label and group, every frame's pixels. It does not cover the dataset's name, nor
 how a frame's file is compressed, nor the missions' `sites`, which are only there where some were
-given: they say how to test, not what is learnt. `unsure` patches are counted, never stored. The
+given: they say how to test, not what is learnt. It covers the names
+of files of rows, and so their content. `unsure` patches are counted, never stored. The
 missions' `masks`, where there are any, are covered by the hash: frames are stored as the camera
 gave them, and read with what is no view covered.
 
@@ -41,6 +43,8 @@ from tokt.features.frames.view_mask import CameraMasks, ViewMask, masks_by_missi
 from tokt.inference.sight import unseen_causes
 from tokt.labels.taxonomy import Taxonomy
 
+from .frame_rows import SUFFIX as ROWS
+from .frame_rows import file_name, size_in_rows
 from .splits import joined_names
 
 FORMAT_VERSION = 1
@@ -67,6 +71,7 @@ class FrameSource:
     frame: int
     group: str  # frames of one group are never split between training and test
     load: Callable[[], tuple[bytes, str]]  # gives the frame's encoded file and suffix; called once
+    digest: str = ""  # of its pixels, where that file is one of rows
 
 
 @dataclass(frozen=True)
@@ -166,15 +171,27 @@ class DatasetVersion:
     def read_frame(self, index: int) -> U8:
         """The frame in row `index` of `frames`, checked against its pixel hash, its mask covered.
 
-        Raises ToktError if the stored frame is not the one the dataset was built from.
+        Raises ToktError if the stored frame is not the one the dataset was built from, or the
+        dataset has no picture of it.
         """
         row, mask = self.frames.iloc[index], self.mask(index)
+        if not self.pictured[index]:
+            raise ToktError(
+                f"dataset {self.label} has features of frame {row.frame} of {row.mission}, and no "
+                "picture of it"
+            )
         return read_stored_frame(self.path / "frames" / row.file, row.digest, mask)
+
+    @cached_property
+    def pictured(self) -> Bools:
+        """Of each row of `frames` whether there is a picture, and not features alone."""
+        return np.array([not file.endswith(ROWS) for file in self.frames.file], bool)
 
     @property
     def is_gray(self) -> bool:
-        """Whether the first frame of a mission's camera has no colour."""
-        first = self.frames.reset_index().groupby(["mission", "camera"])["index"].first()
+        """Whether the first picture of a mission's camera has no colour."""
+        pictured = self.frames[self.pictured].reset_index()
+        first = pictured.groupby(["mission", "camera"])["index"].first()
         return not all(
             FramePictures(self.read_frame(int(index)), self.grid).has_colour for index in first
         )
@@ -266,6 +283,7 @@ def _content_hash(info: dict[str, Any], patches: pd.DataFrame, frames: pd.DataFr
             some = table.iloc[start : start + _HASHED_AT_ONCE]
             text = some.to_csv(index=False, header=not start, lineterminator="\n")
             digest.update(text.encode())
+    digest.update("".join(sorted({file for file in frames.file if file.endswith(ROWS)})).encode())
     return digest.hexdigest()
 
 
@@ -282,13 +300,18 @@ def _store_frames(
     for source in sources:
         data, suffix = source.load()
         name = f"{source.mission}, {source.camera} frame {source.frame}"
+        key = (source.mission, source.camera, source.frame)
+        if source.digest:
+            size, file = size_in_rows(data, source.digest, name), file_name(data)
+            (folder / file).write_bytes(data)
+            rows.append((*key, source.group, source.digest, file, *size))
+            continue
         image = decode_image(data, name)
         with naming(f"dataset {label}: {name}"):
             grid.patch_size(*grid.resized(*image.shape[:2]))
         digest = pixel_sha256(image)
         file = f"{digest}{suffix}"
         (folder / file).write_bytes(data)
-        key = (source.mission, source.camera, source.frame)
         rows.append((*key, source.group, digest, file, *image.shape[:2]))
         mask = plan.masks.get(source.mission, CameraMasks()).of(source.camera)
         covered = image if mask is None else mask.cover(image)
@@ -353,28 +376,44 @@ def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
         patches = patches[PATCH_COLUMNS].sort_values(PATCH_COLUMNS, ignore_index=True)
         info = _summary(plan, patches, frames)
         content = _content_hash(info, patches, frames)
-        target = home / content[:_HASH_CHARS]
-        if not target.exists():
-            patches.to_parquet(folder / "patches.parquet", index=False)
-            frames.to_parquet(folder / "frames.parquet", index=False)
-            info["unseen_clear"] = _unseen_clear(plan, unseen)
-            text = json.dumps({**info, "hash": content}, indent=2) + "\n"
-            (folder / "dataset.json").write_text(text, "utf-8")
-            home.mkdir(exist_ok=True)
-            try:
-                atomic.publish_folder(folder, target)
-            except OSError:
-                # Another process may have built the same content meanwhile; theirs is as good.
-                if not target.is_dir():
-                    raise
-    atomic.write_text(home / "latest", target.name + "\n")
-    found = DatasetVersion(target)
+        patches.to_parquet(folder / "patches.parquet", index=False)
+        frames.to_parquet(folder / "frames.parquet", index=False)
+        info["unseen_clear"] = _unseen_clear(plan, unseen)
+        text = json.dumps({**info, "hash": content}, indent=2) + "\n"
+        (folder / "dataset.json").write_text(text, "utf-8")
+        found = publish_dataset(folder, home, content)
+    target = found.path
     # The same content may have been built before its missions' sites were known.
     sites = {**found.sites, **plan.sites}
     if sites == found.sites:
         return found
     info = {**found.info, "sites": sites}
     atomic.write_text(target / "dataset.json", json.dumps(info, indent=2) + "\n")
+    return DatasetVersion(target)
+
+
+def publish_dataset(folder: Path, home: Path, content: str) -> DatasetVersion:
+    """Make a complete folder the version of a dataset with this hash; the same content once.
+
+    Parameters
+    ----------
+    folder : Path
+        Beside `home`; it is gone afterwards, or of no use.
+    home : Path
+        Of the dataset's versions.
+    content : str
+        Its hash.
+    """
+    target = home / content[:_HASH_CHARS]
+    if not target.exists():
+        home.mkdir(exist_ok=True)
+        try:
+            atomic.publish_folder(folder, target)
+        except OSError:
+            # Another process may have built the same content meanwhile; theirs is as good.
+            if not target.is_dir():
+                raise
+    atomic.write_text(home / "latest", target.name + "\n")
     return DatasetVersion(target)
 
 

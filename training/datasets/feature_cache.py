@@ -21,6 +21,8 @@ from tokt.training.parallel import mapped
 
 from . import augmentations
 from .dataset import FRAME_KEY, DatasetVersion, read_stored_frame
+from .frame_rows import SUFFIX as ROWS
+from .frame_rows import read_frame_rows
 
 _LIBRARIES = ("numpy", "opencv-python-headless")
 _REFERENCES = ("scikit-image", "mahotas")
@@ -64,6 +66,10 @@ _DescribeTask = tuple[Path, str, ViewMask | None, I64, dict[str, Any], Grid, str
 
 def _describe(task: _DescribeTask) -> F64:
     path, digest, mask, cells, spec, grid, augmentation = task
+    if path.suffix == ROWS:
+        if augmentation:
+            raise ToktError(f"dataset frames {path}: no pictures that {augmentation} could change")
+        return read_frame_rows(path, digest, spec).values[cells]
     frame = read_stored_frame(path, digest, mask)
     if augmentation:
         frame = augmentations.augment(frame, augmentation)

@@ -23,6 +23,7 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.training.options import Notice
 
 from .dataset import PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
+from .frame_rows import SUFFIX as ROWS
 from .mission_list import named_missions
 from .splits import BLOCK_FRAMES, block_of
 
@@ -241,8 +242,11 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
     for label in sorted(added.patches.label.unique()):
         base.taxonomy.check_label(label)
     stored = [
-        FrameSource(row.mission, row.camera, row.frame, row.group, partial(_stored, base, row))
-        for row in base.frames.itertuples(index=False)
+        FrameSource(
+            *(row.mission, row.camera, row.frame, row.group, partial(_stored, base, row)),
+            digest="" if pictured else row.digest,
+        )
+        for row, pictured in zip(base.frames.itertuples(index=False), base.pictured, strict=True)
     ]
     return DatasetPlan(
         base.name,
@@ -261,7 +265,8 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
 
 def _stored(base: DatasetVersion, row: Any) -> tuple[bytes, str]:
     path = base.path / "frames" / row.file
-    read_stored_frame(path, row.digest)
+    if not row.file.endswith(ROWS):
+        read_stored_frame(path, row.digest)
     return _load(path)
 
 

@@ -142,5 +142,5 @@ def test_only_changes_of_training_patches_are_learnt_from_and_dives_keep_their_w
 
 def test_long_dives_share_as_many_changes(tiny_dataset, monkeypatch):
     monkeypatch.setattr(module, "FRAMES_A_DIVE", 3)
-    tasks = module._tasks(tiny_dataset, SPEC, 2)
+    tasks = module._tasks(tiny_dataset, SPEC, "random_2")
     assert len(tasks) == 6 and len({task.digest for task in tasks}) == 6, "spread over the dive"
