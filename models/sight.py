@@ -175,6 +175,41 @@ def measure_sight(
     return tuple(replace(one, least_contrast=least) for one in found)
 
 
+def joined_sight(
+    known: Sequence[SightLimits], measured: Sequence[SightLimits]
+) -> tuple[SightLimits, ...]:
+    """Join the limits of a model with those of further frames: what either shows may be judged."""
+    if not known:
+        return tuple(measured)
+    sizes = {(one.height, one.width): one for one in known}
+    for one in measured:
+        before = sizes.get((one.height, one.width))
+        sizes[one.height, one.width] = one if before is None else _wider(before, one)
+    least = min(
+        *(one.least_contrast for one in (*known, *measured) if one.least_contrast),
+        *(round(LEAST_VISIBLE * one.contrast, 5) for one in sizes.values()),
+        math.inf,
+    )
+    measures_contrast = any(one.least_contrast for one in (*known, *measured))
+    return tuple(
+        replace(one, least_contrast=least if measures_contrast else 0.0)
+        for _, one in sorted(sizes.items())
+    )
+
+
+def _wider(one: SightLimits, other: SightLimits) -> SightLimits:
+    """Return limits for frames of one size that pass what either passes."""
+    return replace(
+        one,
+        darkest=min(one.darkest, other.darkest),
+        repeated=max(one.repeated, other.repeated),
+        limits=tuple(map(max, one.limits, other.limits)),
+        blurred=min(one.blurred, other.blurred),
+        contrast=min(one.contrast, other.contrast),
+        least_contrast=0.0,
+    )
+
+
 def _least_contrast(dives: Sequence[Sequence[float]], sizes: Sequence[SightLimits]) -> float:
     """The contrast below which too little is seen; 0 of too few frames to tell."""
     if sum(map(len, dives)) < _FEWEST_FRAMES:

@@ -16,7 +16,13 @@ from tokt.features.extractors.patch_detail import MEASURES, patch_detail
 from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.reason import Reason
 from tokt.inference.sight import SightMap, SightMeter, stereo_meter
-from tokt.models.sight import SightLimits, measure_sight, sight_from_json, sight_to_json
+from tokt.models.sight import (
+    SightLimits,
+    joined_sight,
+    measure_sight,
+    sight_from_json,
+    sight_to_json,
+)
 
 HEIGHT, WIDTH = 480, 640
 SIGMA_PX = WIDTH / 68
@@ -249,6 +255,24 @@ def test_each_size_of_the_training_frames_has_its_limits():
     found = measure_sight([*small, water(0), np.zeros((8, 8), np.uint8)])
     assert [(each.width, each.height) for each in found] == [(320, 240), (640, 480)]
     assert sight_from_json(sight_to_json(found)) == found
+
+
+def test_limits_of_a_model_and_of_further_frames_pass_what_either_passes():
+    known = measure_sight(map(water, range(24)))
+    dim = [np.asarray(water(seed) * 0.8, np.uint8) for seed in range(24)]
+    small = [cv2.resize(picture, None, fx=0.5, fy=0.5) for picture in dim]
+    measured = measure_sight([*dim, *small])
+    joined = joined_sight(known, measured)
+    assert [one.width for one in joined] == [small[0].shape[1], known[0].width]
+    assert joined_sight((), measured) == measured and joined_sight(known, ()) == known
+    for one in (*known, measured[-1]):
+        assert all(wide >= limit for wide, limit in zip(joined[-1].limits, one.limits, strict=True))
+        assert joined[-1].darkest <= one.darkest and joined[-1].contrast <= one.contrast
+    leasts = {one.least_contrast for one in joined}
+    assert leasts == {min(one.least_contrast for one in (*known, *measured))} != {0}
+    few = measure_sight(dim[:3])  # too few to tell the least contrast: the model's stays
+    assert few[0].least_contrast == 0
+    assert 0 < joined_sight(known, few)[0].least_contrast <= known[0].least_contrast
 
 
 def test_numbers_of_sight_that_are_none_are_refused():

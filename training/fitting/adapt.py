@@ -29,6 +29,7 @@ from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.evaluation.old_dives import falls
 from tokt.training.parallel import mapped
 
+from .carried import install_carried
 from .choose_operating_point import DIVE, FalseStatusTarget
 from .classifier import Tables, decision_values, fit_rows, in_parts
 from .cross_validation import Split
@@ -39,7 +40,7 @@ from .whole_frames import WholeFrames, judged
 COUNTS = (1, 2, 3, 5, 8, 13, 21)
 """Labelled frames of the new dive that a point of the curve is learnt from; a third are left."""
 USUAL = 1.0
-TIMES = (4.0, 2.0, USUAL, 0.5, 0.25, 0.125, 0.0625, 0.03125)
+TIMES = tuple(2.0**-exponent for exponent in range(-2, 9))
 """How many times its usual share (`Dives.weights`) the new dive may count, never above a full dive.
 
 More of it helps the new dive, and costs the old ones more (docs/explanation/waters.md). Where all
@@ -54,8 +55,9 @@ _FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", 
 
 @dataclass(frozen=True)
 class KnownModel:
-    """A registered model with all that it was trained with."""
+    """A model with all that it was trained with."""
 
+    name: str  # of the next version
     bundle: Bundle
     dataset: DatasetVersion
     extractor_name: str
@@ -74,11 +76,8 @@ def known_model(registry: Registry, reference: str, datasets: Path) -> KnownMode
     version = registry.find(reference)
     recipe, parameters = registry.recipe(version), registry.parameters(version)
     with fitting(version):
-        made_by, folds = recipe["provenance"], recipe["metrics"]["folds"]
-        dataset = open_dataset(made_by["dataset"], datasets)
-        weight = made_by.get("class_weight", "none")
-        choice = Hyperparameters(made_by["penalty"], None if weight == "none" else weight)
-        fold_choices = [Hyperparameters(one["penalty"], one.get("class_weight")) for one in folds]
+        dataset = open_dataset(recipe["provenance"]["dataset"], datasets)
+        choices = _choices(recipe["provenance"], recipe["metrics"])
     with fitting(version, "list of parameters"):
         settings, split = TrainingSettings.logged(parameters), Split.logged(parameters)
         asked = parameters["extractor"], FalseStatusTarget.logged(parameters)
@@ -90,9 +89,38 @@ def known_model(registry: Registry, reference: str, datasets: Path) -> KnownMode
         raise ToktError(f"model {version.label}: its held_out.parquet is of another dataset")
     with fitting(version, "list of folds"):
         judged = split.cut(dataset.patches, dataset.targets())
-        if len(judged) != len(fold_choices):
-            raise ValueError(f"{len(judged)} folds, choices of {len(fold_choices)}")
-    return KnownModel(bundle, dataset, *asked, settings, split, choice, fold_choices)
+        if len(judged) != len(choices[1]):
+            raise ValueError(f"{len(judged)} folds, choices of {len(choices[1])}")
+    return KnownModel(bundle.name, bundle, dataset, *asked, settings, split, *choices)
+
+
+def packaged_model(bundle: Bundle, datasets: Path) -> KnownModel:
+    """Read a model that comes with tokt; its dataset goes into the workspace's ``datasets``.
+
+    A next version is a model of its own: the name in the result has to be replaced.
+    """
+    carried = install_carried(bundle, datasets)
+    parameters = carried.parameters
+    return KnownModel(
+        bundle.name,
+        bundle,
+        carried.dataset,
+        parameters["extractor"],
+        FalseStatusTarget.logged(parameters),
+        TrainingSettings.logged(parameters),
+        Split.logged(parameters),
+        *_choices(bundle.provenance, bundle.metrics),
+    )
+
+
+def _choices(
+    made_by: Mapping[str, Any], metrics: Mapping[str, Any]
+) -> tuple[Hyperparameters, list[Hyperparameters]]:
+    """Return what a model was fitted with, and each of its folds."""
+    weight = made_by.get("class_weight", "none")
+    choice = Hyperparameters(made_by["penalty"], None if weight == "none" else weight)
+    folds = metrics["folds"]
+    return choice, [Hyperparameters(one["penalty"], one.get("class_weight")) for one in folds]
 
 
 def adapted_request(
@@ -119,7 +147,7 @@ def adapted_request(
     split = Split.of(dataset, old.folds, old.embargo_frames, by, weight, sites)
     return TrainRequest(
         dataset,
-        bundle.content.name,
+        known.name,
         bundle.extractor,
         known.extractor_name,
         known.settings,
@@ -130,6 +158,7 @@ def adapted_request(
         ),
         target=known.target,
         search=bundle.content.provenance.get("search"),
+        known_sight=() if dataset.pictured.all() else tuple(bundle.sight),
         selection=f"Extractor and settings are those of {bundle.label}.",
     )
 

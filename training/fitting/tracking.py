@@ -3,17 +3,13 @@
 import base64
 import json
 import re
-import subprocess
 import tempfile
 import time
 import warnings
-from collections import Counter
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import cv2
 import mlflow
 import numpy as np
 import pandas as pd
@@ -23,20 +19,17 @@ from mlflow.models import Model
 
 from tokt import __version__
 from tokt.features.common.canonical import printable_json
-from tokt.features.frames.mission import format_frames
-from tokt.features.kernels.dispatch import KERNELS
 from tokt.mlflow import COLUMN, LOADER_MODULE, SIGNATURE
 from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
 from tokt.models.bundle.card import model_card
 from tokt.models.registry.registration import FILES_TAG, NUMBER_TAG, RegisteredVersion, files_tag
-from tokt.models.registry.registry import BUNDLE_FILE, RECIPE_VERSION, Registry, retry_once
-from tokt.models.sight import SightLimits, measure_sight, sight_from_json, sight_to_json
+from tokt.models.registry.registry import BUNDLE_FILE, Registry, retry_once
 from tokt.models.signing.keys import SigningKey
-from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
+from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation import plots
 from tokt.training.evaluation.report import report_page
 
-from .classifier import decision_values
+from .contents import content_of, recipe_of
 from .train import Trained, parameters
 
 NEWEST_ALIAS = "challenger"
@@ -47,116 +40,6 @@ _MAX_KEY = 250  # characters that MLflow keeps of a metric's name
 _NOT_IN_A_NAME = re.compile(r"[^\w.\- ]")  # of a metric; missions are called as folders are
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn")
 _MLFLOW = f"mlflow {mlflow.__version__}"  # of mlflow or mlflow-skinny
-
-
-def code_version() -> str:
-    """The version of tokt, with the git commit where it runs from a checkout."""
-    folder = Path(__file__).resolve().parents[2]  # of a checkout: src/tokt holds links
-    if not (folder / ".git").exists():
-        return __version__  # git would describe whatever repository the install happens to be in
-    try:
-        found = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--exclude=*"],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        )
-    except (OSError, subprocess.SubprocessError):
-        return __version__
-    return f"{__version__}+g{found.stdout.strip()}"
-
-
-def _golden_rows(dataset: DatasetVersion) -> list[int]:
-    """Two frames of the dataset: the one with most obstacle patches, and the clearest one."""
-    patches = dataset.patches.assign(obstacle=dataset.obstacles())
-    counts = patches.groupby(FRAME_KEY).obstacle.agg(["sum", "size"])
-    listed = counts.loc[pd.MultiIndex.from_frame(dataset.frames[FRAME_KEY])].reset_index(drop=True)
-    most = int(listed["sum"].idxmax())
-    clearest = int((listed["size"] - listed["sum"]).idxmax())
-    return sorted({most, clearest})
-
-
-def _golden(trained: Trained) -> Golden:
-    """Golden frames with what *scikit-learn's* pipeline says of them, not the folded weights."""
-    dataset = trained.request.dataset
-    files, values = [], []
-    for row in _golden_rows(dataset):
-        image = dataset.read_frame(row)
-        files.append(cv2.imencode(".png", image)[1].tobytes())
-        described = trained.request.extractor.describe(image, dataset.grid)
-        values.append(decision_values(trained.pipeline, described))
-    obstacle = np.stack([trained.model.obstacle_patches(value) for value in values])
-    return Golden(tuple(files), np.stack(values), obstacle)
-
-
-def _sight(dataset: DatasetVersion) -> tuple[SightLimits, ...]:
-    """What whole training frames show at least, from some of each mission's camera."""
-    if dataset.grid.width is None:
-        return ()
-    rows = dataset.frames.reset_index(drop=True).groupby(["mission", "camera"]).indices
-    some = [mine[:: max(len(mine) // _SIGHT_FRAMES, 1)].tolist() for mine in rows.values()]
-    chosen = [row for mine in some for row in mine]
-    dives = dataset.frames.mission.iloc[chosen]
-    return measure_sight(map(dataset.read_frame, chosen), map(dataset.mask, chosen), dives)
-
-
-def _frame_sizes(trained: Trained) -> list[list[int]]:
-    """Height and width of the frames learnt from, those of most frames first."""
-    frames = trained.request.dataset.frames
-    counts = Counter(zip(frames.height.tolist(), frames.width.tolist(), strict=True))
-    return [list(size) for size in sorted(counts, key=lambda size: (-counts[size], size))]
-
-
-def _trained_frames(trained: Trained) -> dict[str, str]:
-    """The frame numbers learnt from, by mission; empty where it was not the dataset's."""
-    dataset = trained.request.dataset
-    if trained.request.settings.two_images or dataset.block_frames is None:
-        return {}
-    frames = dataset.frames.groupby("mission").frame
-    return {str(name): format_frames(numbers.tolist()) for name, numbers in frames}
-
-
-def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
-    request, model = trained.request, trained.model
-    dataset = request.dataset
-    pairs = zip(model.classes, model.obstacle, strict=True)
-    return {
-        "recipe_version": RECIPE_VERSION,
-        "hashed": True,
-        "extractor": request.extractor.spec,
-        "extractor_name": request.extractor_name,
-        "dim": request.extractor.dim,
-        "grid": dataset.grid.to_json(),
-        "classes": [{"name": name, "obstacle": flag} for name, flag in pairs],
-        "thresholds": model.thresholds.tolist(),
-        "landmarks": model.landmarks,
-        "operating_point": trained.operating_point.to_json(),
-        "distribution": trained.distribution.summary() if trained.distribution else None,
-        "sight": sight_to_json(_sight(dataset)),
-        "frame_sizes": _frame_sizes(trained),
-        "fold_rules": [rule.to_json() for rule in trained.held_out.rules],
-        "metrics": trained.metrics,
-        "provenance": {
-            "dataset": dataset.label,
-            "dataset_hash": dataset.hash,
-            "dataset_sources": "; ".join(dataset.info["sources"]),
-            "missions": dataset.frames.mission.value_counts().to_dict(),
-            "label_counts": dataset.info["labels"],
-            "trained_frames": _trained_frames(trained),
-            **({"masks": dataset.info["masks"]} if dataset.masks else {}),
-            "preset": request.settings.preset,
-            "penalty": trained.choice.penalty,
-            "class_weight": trained.choice.class_weight or "none",
-            "learnt_changes": ", ".join(request.settings.changes) or "none",
-            **({"search": request.search} if request.search else {}),
-            "code_version": code_version(),
-            "mlflow_model_id": model_id,
-            "libraries": ", ".join([f"{x} {version(x)}" for x in _LIBRARIES] + [_MLFLOW]),
-            "kernels": KERNELS.name,
-        },
-    }
 
 
 def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
@@ -207,31 +90,10 @@ def _logged_metrics(trained: Trained, model_id: str) -> list[Metric]:
 
 def _written_artifacts(folder: Path, trained: Trained, model_id: str) -> dict[str, bytes]:
     """What the run holds beside the bundle, written into a folder."""
-    recipe = json.dumps(_recipe(trained, model_id), indent=2, sort_keys=True)
+    recipe = json.dumps(recipe_of(trained, mlflow_model_id=model_id), indent=2, sort_keys=True)
     (folder / "recipe.json").write_text(recipe + "\n", "utf-8")
     held_out_table(trained).to_parquet(folder / "held_out.parquet", index=False)
     return {file.name: file.read_bytes() for file in folder.iterdir()}
-
-
-def _content(trained: Trained, recipe: bytes, run_id: str) -> BundleContent:
-    """What the bundle holds, but for version and card, which wait for a number."""
-    written, request = printable_json(recipe), trained.request
-    return BundleContent(
-        name=request.name,
-        version="",
-        extractor_spec=written["extractor"],
-        grid=request.dataset.grid,
-        model=trained.model,
-        provenance={**written["provenance"], "mlflow_run_id": run_id},
-        metrics=written["metrics"],
-        golden=_golden(trained),
-        trained_on=trained.trained_on,
-        card="",
-        operating_point=trained.operating_point,
-        distribution=trained.distribution,
-        sight=sight_from_json(written["sight"]),
-        frame_sizes=tuple((height, width) for height, width in written["frame_sizes"]),
-    )
 
 
 def _log_model(client: MlflowClient, bundle: bytes, golden: Golden, model: Model) -> None:
@@ -368,7 +230,8 @@ def log_and_register(
     tags["preset"] = request.settings.preset
     if request.search:
         tags["search"] = request.search
-    content = _content(trained, files["recipe.json"], run.info.run_id)
+    recipe = printable_json(files["recipe.json"])
+    content = content_of(trained, recipe, mlflow_run_id=run.info.run_id)
     registered, card = _register(registry, content, files, tags)
     if key is not None:
         registry.sign(registered, key)

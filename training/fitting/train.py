@@ -19,6 +19,7 @@ from tokt.models.bundle.bundle import frame_id
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, OperatingPoint
+from tokt.models.sight import SightLimits
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
@@ -68,6 +69,8 @@ class TrainRequest:
     other_image: Path | None = None  # of preset `thesis`; by default a rendered texture
     target: FalseStatusTarget = DEFAULT_TARGET  # what the operating point is chosen for
     search: str | None = None  # the search that the extractor comes from
+    # Of the model that this one goes on from, where the dataset has frames without a picture.
+    known_sight: tuple[SightLimits, ...] = ()
     selection: str = ""  # how the extractor was chosen, in a sentence; stands with the figures
 
 
