@@ -19,6 +19,7 @@ from typing import Any, Self, get_args, get_origin
 
 from tokt.features.common.address import without_credentials
 from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.models.pretrained.packaged import packaged_bundle
 
 STALE_S = 0.5
 """Seconds after which a frame is old, and nothing said is too long: what ``--stale`` and
@@ -67,7 +68,7 @@ class Option:
     metavar: str = ""  # what stands for its value there: a name such as SECONDS, or a|b|c
     needs: tuple[str, ...] = ()  # other options, of which it needs one to do anything
     only: str = ""  # the runs in which it does anything: `CAMERAS`, `FILES`, ...
-    not_with: str = ""  # an option that says the same thing otherwise
+    not_with: tuple[str, ...] = ()  # options that say the same thing otherwise
     logged: str = ""  # its name in the log's start event (`tokt.inference.recording.run_start`)
     # As its field has them.
     name: str = ""
@@ -168,9 +169,14 @@ class ModelConfig:
     """Which models judge."""
 
     store: Path | None = option(
-        None, "Run this store's active model, and the next one when it changes.", not_with="bundle"
+        None,
+        "Run this store's active model, and the next one when it changes.",
+        not_with=("bundle", "model"),
     )
-    bundle: Path | None = option(None, "Run the model in this file.", not_with="store")
+    bundle: Path | None = option(None, "Run the model in this file.", not_with=("store", "model"))
+    model: str | None = option(
+        None, "Run the model that comes with tokt: waters.", "NAME", not_with=("store", "bundle")
+    )
     accept_blind: bool = option(
         False,
         "Run a model that cannot tell a blurred view from open water: of compressed video, or of "
@@ -192,6 +198,11 @@ class ModelConfig:
         needs=("shadow_log",),
     )
     shadow_log: Path | None = option(None, "Log of that model, for tokt shadow.", needs=("shadow",))
+
+    @property
+    def file(self) -> Path | None:
+        """The bundle file to run; None where there is a store, or no model."""
+        return self.bundle if self.model is None else packaged_bundle(self.model)
 
 
 @dataclass(frozen=True)
@@ -366,7 +377,8 @@ class RunConfig:
             for name in layer:
                 if name not in OPTIONS:
                     raise ToktError(f"unknown option {_nearest(name, OPTIONS)}")
-                values.pop(OPTIONS[name].not_with, None)
+                for other in OPTIONS[name].not_with:
+                    values.pop(other, None)
             values |= {name: OPTIONS[name].typed(value) for name, value in layer.items()}
         made = {
             section: kind(**{name: values[name] for name in values.keys() & kind.__annotations__})

@@ -33,8 +33,8 @@ def check_options(config: RunConfig) -> None:
         raise ToktError("--watchdog is for the command tokt run: it starts processes")
     given = [each for each in OPTIONS.values() if each.name in config.given]
     for each in given:
-        if each.not_with in config.given:
-            raise ToktError(f"give --{each.key} or --{OPTIONS[each.not_with].key}, not both")
+        for other in config.given.intersection(each.not_with):
+            raise ToktError(f"give --{each.key} or --{OPTIONS[other].key}, not both")
         if each.needs and config.given.isdisjoint(each.needs):
             words = " or ".join(f"--{OPTIONS[name].key}" for name in each.needs)
             raise ToktError(f"--{each.key} is of no use without {words}")

@@ -33,15 +33,15 @@ class RunModel:
     @property
     def loader(self) -> Callable[[], Bundle] | None:
         """What loads it; None where none was asked for."""
-        return self._load if self._wanted.store or self._wanted.bundle else None
+        return self._load if self._wanted.store or self._wanted.file else None
 
     def _load(self) -> Bundle:
         try:
-            if self._wanted.bundle is not None:
-                found = read_bundle(self._wanted.bundle)
+            if file := self._wanted.file:
+                found = read_bundle(file)
                 if found.deployment_fault:
                     fault = f"model {found.label} cannot guard a vehicle: {found.deployment_fault}"
-                    raise ToktError(f"{self._wanted.bundle}: {fault}")
+                    raise ToktError(f"{file}: {fault}")
             else:
                 assert self._wanted.store is not None
                 found, self.notes = load_running(Store(self._wanted.store))

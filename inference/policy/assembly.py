@@ -167,10 +167,12 @@ def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> N
     if threads < 1:
         raise ToktError(f"at least one thread is needed, not {threads} (--threads N)")
     if has_model and name == "disparity":
-        raise ToktError("policy disparity uses no model: leave out --store/--bundle")
+        raise ToktError("policy disparity uses no model: leave out --store/--bundle/--model")
     if not has_calibration and name in ("disparity", "either"):
         raise ToktError(f"policy {name} needs a stereo calibration (--calibration FILE.yml)")
     if has_calibration and name == "texture":
         raise ToktError("policy texture uses no calibration: leave out --calibration")
     if not has_model and name != "disparity":
-        raise ToktError(f"policy {name} needs a model (--store STORE or --bundle FILE)")
+        raise ToktError(
+            f"policy {name} needs a model (--store STORE, --bundle FILE or --model waters)"
+        )

@@ -88,7 +88,7 @@ class RunStart:
 
         Raises ToktError if a file that it uses cannot be read.
         """
-        said, place = config.logged(), config.model.store or config.model.bundle
+        said, place = config.logged(), config.model.store or config.model.file
         for name in ("calibration", "odometry"):
             said[name] = None if said[name] is None else used_file(said[name])
         if said["calibration"] is None:

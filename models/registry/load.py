@@ -5,6 +5,8 @@ from typing import Any
 
 from tokt.features.common.extras import needed_by
 from tokt.models.bundle.bundle import SUFFIX, Bundle, read_bundle
+from tokt.models.pretrained.packaged import NAMES as PACKAGED
+from tokt.models.pretrained.packaged import packaged_bundle
 from tokt.models.store.store import Store
 
 
@@ -14,8 +16,8 @@ def load_model(reference: str | Path, workspace: str | Path = ".tokt", **checks:
     Parameters
     ----------
     reference : str or Path
-        A ``.tokt`` file, a store's folder (its active model), ``NAME`` (the newest version),
-        ``NAME@ALIAS`` or ``NAME/VERSION``.
+        A ``.tokt`` file, a store's folder (its active model), ``waters``, which comes with tokt,
+        ``NAME`` (the newest version), ``NAME@ALIAS`` or ``NAME/VERSION``.
     workspace : str or Path
         Folder whose registry has the named models.
     checks
@@ -36,6 +38,8 @@ def load_model(reference: str | Path, workspace: str | Path = ".tokt", **checks:
     >>> tokt.judge_image(model, picture).verdict.status  # doctest: +SKIP
     1
     """
+    if reference in PACKAGED:
+        return read_bundle(packaged_bundle(str(reference)))
     if not is_registered_name(reference):
         is_file = str(reference).endswith(SUFFIX)
         return read_bundle(reference) if is_file else Store(reference).active()
@@ -45,5 +49,6 @@ def load_model(reference: str | Path, workspace: str | Path = ".tokt", **checks:
 
 
 def is_registered_name(reference: str | Path) -> bool:
-    """Whether a registry is asked for it: it is neither a bundle's file nor a store's folder."""
-    return not (str(reference).endswith(SUFFIX) or Store(reference).is_there)
+    """Whether a registry is asked for it: not a file, a store's folder or a model of tokt's own."""
+    file_or_store = str(reference).endswith(SUFFIX) or Store(reference).is_there
+    return reference not in PACKAGED and not file_or_store

@@ -52,6 +52,7 @@ from tokt.models.bundle.bundle import (
 from tokt.models.bundle.card import model_card
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.pretrained.packaged import NAMES as PACKAGED
 from tokt.models.sight import sight_from_json, sight_to_json
 from tokt.models.signing.keys import PublicKey, SigningKey
 
@@ -101,6 +102,8 @@ def check_model_name(name: str) -> None:
     """Raise ToktError unless `name` can be a model's name, also in a file name."""
     if not _NAME.fullmatch(name):
         raise ToktError(f"model name {name!r}: use letters, digits, '-', '_' and '.'")
+    if name in PACKAGED:
+        raise ToktError(f"model name {name!r} is that of a model that comes with tokt")
 
 
 def check_alias(alias: str) -> None:

@@ -15,7 +15,11 @@ TaxonomyOption = Annotated[
 ]
 DatasetArgument = Annotated[str, Argument(help="Dataset: NAME or NAME@HASH.")]
 ModelArgument = Annotated[
-    str, Argument(help="Model: NAME, NAME@ALIAS, NAME/VERSION, a .tokt file or a store's folder.")
+    str,
+    Argument(
+        help="Model: NAME, NAME@ALIAS, NAME/VERSION, a .tokt file, a store's folder or waters, "
+        "which comes with tokt."
+    ),
 ]
 RegisteredModelArgument = Annotated[
     str, Argument(help="Registered model: NAME, NAME@ALIAS or NAME/VERSION.")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Option
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 from tokt.features.common.terminal import say
@@ -18,7 +20,6 @@ from .options import (
     FoldsOption,
     JsonOption,
     LabelFilesOption,
-    RegisteredModelArgument,
     ReportOption,
     WorkspaceOption,
     fields_of,
@@ -27,6 +28,7 @@ from .output import answer, figure, print_at_sea, print_patches, progress, score
 from .output import print_line as print
 
 if TYPE_CHECKING:
+    from tokt.models.registry.registry import Registry
     from tokt.training.datasets.dataset import DatasetVersion
     from tokt.training.fitting.adapt import KnownModel
     from tokt.training.fitting.train_options import TrainedVersion
@@ -137,7 +139,13 @@ def train(
 
 
 def adapt(
-    model: RegisteredModelArgument,
+    model: Annotated[
+        str,
+        Argument(
+            help="Registered model, NAME, NAME@ALIAS or NAME/VERSION; or waters, which comes with "
+            "tokt and gives a model of its own, named after the dive."
+        ),
+    ],
     mission: Annotated[
         Path,
         Option(
@@ -169,18 +177,23 @@ def adapt(
     dive that the page leads to (tokt label DIR --model MODEL).
     """
     from tokt.features.common import atomic
+    from tokt.models.pretrained.packaged import NAMES
     from tokt.models.registry.registry import Registry
     from tokt.models.signing.passphrase import signing_key
-    from tokt.training.fitting.adapt import adaptation, known_model, with_rate
+    from tokt.training.fitting.adapt import adaptation, with_rate
     from tokt.training.fitting.tracking import adaptation_page, log_adaptation, log_and_register
     from tokt.training.fitting.train import fit_and_measure
     from tokt.training.fitting.train_options import TrainedVersion, compared_with
 
     if force is not None and not force.strip():
         raise ToktError("--force needs the reason in words")
-    registry, cache = Registry(workspace), workspace / "cache"
-    known, key = known_model(registry, model, workspace / "datasets"), signing_key(sign)
+    packaged = model in NAMES
+    registry, cache = Registry(workspace, create=packaged), workspace / "cache"
+    known, key = _known_model(registry, model, workspace), signing_key(sign)
     data, name = _with_new_dive(known, model, mission, labels or [], workspace)
+    if packaged:
+        # A model of its own, in characters that a model's name can have.
+        known = replace(known, name=re.sub(r"[^A-Za-z0-9_.-]", "_", f"{known.name}-{name}"))
     asked = split, site or (), force is not None
     found = adaptation(known, data, name, cache, progress, draws, jobs, *asked)
     worse = found.told["worse"]
@@ -195,7 +208,8 @@ def adapt(
     trained = fit_and_measure(found.request, cache, progress, jobs)
     version = TrainedVersion(log_and_register(trained, registry, key), trained, workspace)
     # What was allowed is by fits with the old folds' C and prior; these are the version's own.
-    version = compared_with(version, registry.find(known.bundle.label), registry)
+    if not packaged:
+        version = compared_with(version, registry.find(known.bundle.label), registry)
     told = with_rate({**found.told, "forced": force}, version.operating_point)
     log_adaptation(told, version.registered, registry)
     if output:
@@ -207,6 +221,18 @@ def adapt(
         _print_adaptation(version.label, told)
 
     answer(json, result, show)
+
+
+def _known_model(registry: Registry, model: str, workspace: Path) -> KnownModel:
+    """Read the model that the next version goes on from."""
+    from tokt.models.pretrained.packaged import NAMES
+    from tokt.models.registry.load import load_model
+    from tokt.training.fitting.adapt import known_model, packaged_model
+
+    datasets = workspace / "datasets"
+    if model in NAMES:
+        return packaged_model(load_model(model), datasets)
+    return known_model(registry, model, datasets)
 
 
 def _with_new_dive(

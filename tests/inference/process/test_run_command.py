@@ -166,10 +166,11 @@ def test_ctrl_c_ends_cleanly(make_mission, bundle_file, closed_port, tmp_path):
     ("arguments", "message"),
     [
         (["--bundle", "B", "--store", "S"], "not both"),
+        (["--model", "waters", "--store", "S"], "not both"),
         ([], "needs a model"),
         (["--bundle", "none.tokt"], "none.tokt"),
         (["--policy", "disparity"], "needs a stereo calibration"),
-        (["--bundle", "B", "--policy", "disparity"], "leave out --store/--bundle"),
+        (["--bundle", "B", "--policy", "disparity"], "leave out --store/--bundle/--model"),
         (["--bundle", "B", "--frames", "1-3"], "has frames 1, not 2-3"),
         (["--bundle", "B", "--policy", "magic"], "unknown policy"),
         (["--bundle", "B", "--format", "v3"], "unknown format"),
