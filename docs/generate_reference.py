@@ -66,6 +66,7 @@ FORMATS = {
     "labels.formats.audit_csv.FORMAT": "label audit",
     "labels.page.suggestions.suggestion_table.FORMAT": "suggestions kept by the labelling page",
     "training.datasets.dataset.FORMAT_VERSION": "dataset version, `dataset.json`",
+    "training.datasets.frame_rows.FORMAT_VERSION": "rows of features in a dataset, `.rows`",
     "training.compare.comparison.FORMAT_VERSION": "comparison, `tokt compare --json`",
     "training.search.space.SPACE_FORMAT": "space of a search, `space.toml`",
     "training.search.state.STATE_FORMAT": "state of a search",

@@ -1,13 +1,13 @@
 """Make the tables of docs/explanation/waters.md from what the product answers.
 
-``python docs/make_waters_page.py BY_SITE.json BY_DIVE.json ADAPTED.jsonl``
+``python docs/make_waters_page.py BY_SITE.json BY_DIVE.json ADAPTED.jsonl BEGUN.jsonl``
 
 The first two are the answers of ``tokt train DATASET --stress --json`` and of the same without
 ``--stress`` and with ``--site NAME=NAME`` for one dive, so that dives are held out and not sites.
 Each line of the third is about one dive, to which a model of the other sites was adapted with some
 of its frames: mission, labelled (frames), times, before and after (F1 and AP on its other frames),
-mean, worst and worst_dive (changes of F1 of the old dives). No command of tokt writes these lines
-yet: they come from `tokt.training.fitting.adapt.adaptation`, called on models of the other sites.
+mean, worst and worst_dive (changes of F1 of the old dives). The fourth is the same of ``waters``,
+the model that comes with tokt, as `measure_adaptation.py` writes it.
 What stands outside of the marks is written by hand, and so is what a dive shows.
 """
 
@@ -28,16 +28,20 @@ _TABLE = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end -->\n", re.DOTALL)
 _BOTH = ("f1", "average_precision")
 
 
-def main(by_site: str, by_dive: str, adapted: str) -> None:
+def main(by_site: str, by_dive: str, adapted: str, begun: str) -> None:
     """Write the page."""
     site, dive = (json.loads(Path(file).read_text("utf-8"))["cv"] for file in (by_site, by_dive))
-    rows = [json.loads(line) for line in Path(adapted).read_text("utf-8").splitlines()]
+    rows, of_waters = (
+        [json.loads(line) for line in Path(file).read_text("utf-8").splitlines()]
+        for file in (adapted, begun)
+    )
     page = PAGE.read_text("utf-8")
     shows = dict(re.findall(r"^\| `([^`]+)` \| ([^|]*) \|", page, re.MULTILINE))
     tables = {
         "dives": dives_table(site["dives"], dive["dives"], shows),
         "changes": changes_table(site["dives"], site["stress"]),
         "adapted": adapted_table(rows),
+        "begun": adapted_table(of_waters),
     }
     PAGE.write_text(filled(page, tables), "utf-8")
 

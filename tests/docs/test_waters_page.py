@@ -52,7 +52,7 @@ def test_adapted_dives_come_by_frames_with_their_means(maker):
 
 def test_tables_come_between_their_marks_and_all_are_on_the_page(maker):
     page = (DOCS / "explanation" / "waters.md").read_text("utf-8")
-    marks = {"dives": "D\n", "changes": "C\n", "adapted": "A\n"}
+    marks = {"dives": "D\n", "changes": "C\n", "adapted": "A\n", "begun": "B\n"}
     filled = maker["filled"](page, marks)
     for name, table in marks.items():
         assert filled.count(f"<!-- table {name} -->\n{table}<!-- end -->\n") == 1
