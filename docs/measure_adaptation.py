@@ -55,6 +55,8 @@ def _row(
     changes = {
         dive: one["change"] for dive, one in adapted["lost"].items() if one["change"] is not None
     }
+    if "model" not in told:
+        changes = {"refused": 0.0}
     worst = min(changes, key=lambda dive: changes[dive])
     return {
         **{"mission": adapted["mission"], "labelled": count, "before": before, "after": after},

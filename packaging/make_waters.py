@@ -21,7 +21,7 @@ from tokt.features.common import atomic
 from tokt.features.common.arrays import U8
 from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes
 from tokt.models.bundle.card import model_card
-from tokt.models.pretrained.packaged import WATERS, packaged_bundle
+from tokt.models.pretrained.packaged import VERSIONS, WATERS, packaged_bundle
 from tokt.models.sight import measure_sight
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import PATCH_KEY, write_dataset
@@ -45,7 +45,6 @@ from tokt.training.fitting.train import (
     rendered_other_image,
 )
 
-VERSION = "1"
 FRAMES_A_DIVE = 10
 MAX_BYTES = 1_500_000
 GROUPS = {
@@ -120,7 +119,7 @@ def _bundle(sites: Path, workspace: Path) -> bytes:
     (changes,) = settings.changes
     features = cached_features(pictures, spec, cache, _progress, whole_frames=True)
     changed = changed_patches(pictures, spec, changes, cache, _progress)
-    plan = plan_of_rows(pictures, WATERS, spec, changes, features, changed, FRAMES_A_DIVE)
+    plan = plan_of_rows(pictures, f"tokt-{WATERS}", spec, changes, features, changed, FRAMES_A_DIVE)
     # It learns from what it carries: so training that goes on from it begins where it ended.
     rows = write_dataset(plan, workspace / "datasets", _progress)
     request = TrainRequest(
@@ -140,23 +139,36 @@ def _bundle(sites: Path, workspace: Path) -> bytes:
     version = tokt.__version__.partition(".dev")[0]
     recipe = json.loads(json.dumps(recipe_of(trained, code_version=version)))
     content = content_of(trained, recipe, golden_frames())
-    card = model_card(f"{WATERS}/{VERSION}", recipe, content.provenance)
+    card = model_card(f"{WATERS}/{VERSIONS[WATERS]}", recipe, content.provenance)
     carried = carried_bytes(rows, parameters(trained))
     return bundle_bytes(
-        replace(content, version=VERSION, card=f"{card}\n{ORIGIN}", dataset=carried)
+        replace(content, version=VERSIONS[WATERS], card=f"{card}\n{ORIGIN}", dataset=carried)
     )
 
 
 def _listed(sites: Path, workspace: Path) -> Path:
     """Write a list of the missions."""
-    tables = (
-        f"[[mission]]\nname = {json.dumps(name)}\ndir = {json.dumps(str(sites / name))}\n"
-        f"labels = {json.dumps(str(sites / f'{name}_labels.csv'))}\nsite = {json.dumps(site)}\n"
+    tables = [
+        {
+            "name": dive_name(name),
+            "dir": str(sites / name),
+            "labels": str(sites / f"{name}_labels.csv"),
+            "site": dive_name(site),
+        }
         for name, site in GROUPS.items()
-    )
+    ]
     file = workspace / "missions.toml"
-    file.write_text("\n".join(tables), "utf-8")
+    lines = [
+        "\n".join(["[[mission]]", *(f"{key} = {json.dumps(value)}" for key, value in one.items())])
+        for one in tables
+    ]
+    file.write_text("\n".join(lines), "utf-8")
     return file
+
+
+def dive_name(group: str) -> str:
+    """Return the name of a group's dive or site, which no dive of a user's has."""
+    return f"{WATERS}.{group}"
 
 
 def golden_frames() -> list[U8]:

@@ -6,14 +6,21 @@ from tokt.features.common.errors import ToktError
 
 WATERS = "waters"
 """Of many waters and cameras: a model to begin with (docs/explanation/waters.md)."""
-NAMES = (WATERS,)
+VERSIONS = {WATERS: "1"}
+"""Of the models that come with tokt, by name."""
 
 
-def packaged_bundle(name: str) -> Path:
+def is_packaged(reference: object) -> bool:
+    """Return whether a model that comes with tokt is meant: by its name, or with its version."""
+    name, _, version = str(reference).partition("/")
+    return name in VERSIONS and version in ("", VERSIONS[name])
+
+
+def packaged_bundle(reference: str) -> Path:
     """Return the bundle file of a model that comes with tokt.
 
     Raises ToktError if none is called so.
     """
-    if name not in NAMES:
-        raise ToktError(f"no model {name!r} comes with tokt (there is {', '.join(NAMES)})")
-    return Path(__file__).with_name(f"{name}.tokt")
+    if not is_packaged(reference):
+        raise ToktError(f"no model {reference!r} comes with tokt (there is {', '.join(VERSIONS)})")
+    return Path(__file__).with_name(f"{reference.partition('/')[0]}.tokt")

@@ -5,8 +5,7 @@ from typing import Any
 
 from tokt.features.common.extras import needed_by
 from tokt.models.bundle.bundle import SUFFIX, Bundle, read_bundle
-from tokt.models.pretrained.packaged import NAMES as PACKAGED
-from tokt.models.pretrained.packaged import packaged_bundle
+from tokt.models.pretrained.packaged import is_packaged, packaged_bundle
 from tokt.models.store.store import Store
 
 
@@ -38,7 +37,7 @@ def load_model(reference: str | Path, workspace: str | Path = ".tokt", **checks:
     >>> tokt.judge_image(model, picture).verdict.status  # doctest: +SKIP
     1
     """
-    if reference in PACKAGED:
+    if is_packaged(reference):
         return read_bundle(packaged_bundle(str(reference)))
     if not is_registered_name(reference):
         is_file = str(reference).endswith(SUFFIX)
@@ -51,4 +50,4 @@ def load_model(reference: str | Path, workspace: str | Path = ".tokt", **checks:
 def is_registered_name(reference: str | Path) -> bool:
     """Whether a registry is asked for it: not a file, a store's folder or a model of tokt's own."""
     file_or_store = str(reference).endswith(SUFFIX) or Store(reference).is_there
-    return reference not in PACKAGED and not file_or_store
+    return not is_packaged(reference) and not file_or_store

@@ -52,7 +52,7 @@ from tokt.models.bundle.bundle import (
 from tokt.models.bundle.card import model_card
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
-from tokt.models.pretrained.packaged import NAMES as PACKAGED
+from tokt.models.pretrained.packaged import VERSIONS as PACKAGED
 from tokt.models.sight import sight_from_json, sight_to_json
 from tokt.models.signing.keys import PublicKey, SigningKey
 
@@ -83,6 +83,7 @@ distribution of features, 1 to 3 no bundle, 1 to 4 no numbers of sight."""
 BUNDLE_FILE = "model.tokt"
 """The bundle's name in MLflow's model."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_MAX_NAME = 100  # characters of a model's name, as in a bundle
 _Result = TypeVar("_Result")
 _ARTIFACTS = "mlartifacts"
 _PLACES = (
@@ -100,8 +101,10 @@ _MAX_TABLE_VALUES = 500_000_000
 
 def check_model_name(name: str) -> None:
     """Raise ToktError unless `name` can be a model's name, also in a file name."""
-    if not _NAME.fullmatch(name):
-        raise ToktError(f"model name {name!r}: use letters, digits, '-', '_' and '.'")
+    if not _NAME.fullmatch(name) or len(name) > _MAX_NAME:
+        raise ToktError(
+            f"model name {name!r}: use letters, digits, '-', '_' and '.', {_MAX_NAME} at most"
+        )
     if name in PACKAGED:
         raise ToktError(f"model name {name!r} is that of a model that comes with tokt")
 

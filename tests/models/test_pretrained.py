@@ -45,6 +45,8 @@ def dive(maker, tmp_path_factory):
 
 def test_it_is_whole_and_may_guard(waters):
     assert waters.label == "waters/1" and not is_registered_name("waters")
+    assert load_model("waters/1").sha256 == waters.sha256
+    assert is_registered_name("waters/2") and is_registered_name("waters.basin")
     assert not waters.deployment_fault and not waters.blindness and not waters.silence
     assert waters.masks == () and not waters.needs_colour and waters.operating_point.water
     assert len(waters.sight) > 5 and len(waters.frame_sizes) > 5
@@ -54,7 +56,7 @@ def test_it_is_as_small_and_says_what_was_promised(waters, maker):
     assert len(waters.data) <= maker.MAX_BYTES == 1_500_000
     for words in ("Roboflow", "CC-BY-4.0", "Apache-2.0", "BSD-3-Clause", "MIT", "not known"):
         assert words in waters.card, words
-    assert set(waters.metrics["dives"]) == set(maker.GROUPS)
+    assert set(waters.metrics["dives"]) == set(map(maker.dive_name, maker.GROUPS))
     assert not NOT_OURS_TO_GIVE & set(maker.GROUPS)
     assert "whole sites" in waters.metrics["split"]
 
@@ -65,9 +67,10 @@ def test_it_holds_no_picture(waters, maker, tmp_path):
     for found, rendered in zip(golden, maker.golden_frames(), strict=True):
         assert np.array_equal(found, rendered)
     dataset = install_carried(waters, tmp_path).dataset
-    assert not dataset.pictured.any() and set(dataset.frames.mission) == set(maker.GROUPS)
+    sites = {maker.dive_name(one): maker.dive_name(site) for one, site in maker.GROUPS.items()}
+    assert not dataset.pictured.any() and set(dataset.frames.mission) == set(sites)
     most = dataset.frames.groupby("mission").size().max()
-    assert most <= maker.FRAMES_A_DIVE and dataset.sites == maker.GROUPS
+    assert most <= maker.FRAMES_A_DIVE and dataset.sites == sites
     assert {path.suffix for path in (dataset.path / "frames").iterdir()} == {".rows"}
     known = packaged_model(waters, tmp_path)
     folds = known.split.cut(dataset.patches, dataset.targets())
@@ -82,6 +85,7 @@ def test_a_run_begins_with_it(dive):
 
 def test_its_name_is_taken(dive):
     refuses("is that of a model that comes with tokt", check_model_name, "waters")
+    refuses("100 at most", check_model_name, "x" * 101)
     refuses("no model 'water' comes with tokt", packaged_bundle, "water")
     refused("no model 'pond' comes with tokt", "run", "--model", "pond", "--source", dive)
 

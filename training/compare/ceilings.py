@@ -47,7 +47,9 @@ def ceilings(
         learner = _boosting(setting, weight, None if dives is None else dives.number)
         tried.append(({"learner": "gradient boosting", "model": item.label}, learner))
     net: dict[str, Any] = {"learner": "small convolutional net on the pixels", "model": None}
-    if find_spec("torch"):
+    if not dataset.pictured.all():
+        net["missing"] = "the dataset has no pictures of some frames"
+    elif find_spec("torch"):
         tried.append((net, _net(_pixels(dataset, progress), setting.targets, weight)))
     else:
         net["missing"] = "not installed (pip install torch)"

@@ -51,9 +51,10 @@ FORMAT_VERSION = 1
 TASKS = ("binary", "classes")
 CLEAR, OBSTACLE = "clear", "obstacle"
 _NAME = re.compile(r"[\w-][\w.-]*")
-_HASH_CHARS = 16
+HASH_CHARS = 16
+"""Of a dataset's hash, in the name of its folder."""
 _HASHED_AT_ONCE = 1 << 18  # rows
-_VERSION_INFO = "[0-9a-f]" * _HASH_CHARS + "/dataset.json"  # never of a half-written folder
+_VERSION_INFO = "[0-9a-f]" * HASH_CHARS + "/dataset.json"  # never of a half-written folder
 FRAME_KEY = ["mission", "camera", "frame"]
 PATCH_KEY = [*FRAME_KEY, "row", "col"]
 PATCH_COLUMNS = [*PATCH_KEY, "label", "group"]
@@ -121,7 +122,7 @@ class DatasetVersion:
     @property
     def label(self) -> str:
         """``name@hash``."""
-        return f"{self.name}@{self.hash[:_HASH_CHARS]}"
+        return f"{self.name}@{self.hash[:HASH_CHARS]}"
 
     @cached_property
     def frames(self) -> pd.DataFrame:
@@ -383,6 +384,7 @@ def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
         (folder / "dataset.json").write_text(text, "utf-8")
         found = publish_dataset(folder, home, content)
     target = found.path
+    atomic.write_text(home / "latest", target.name + "\n")
     # The same content may have been built before its missions' sites were known.
     sites = {**found.sites, **plan.sites}
     if sites == found.sites:
@@ -404,7 +406,7 @@ def publish_dataset(folder: Path, home: Path, content: str) -> DatasetVersion:
     content : str
         Its hash.
     """
-    target = home / content[:_HASH_CHARS]
+    target = home / content[:HASH_CHARS]
     if not target.exists():
         home.mkdir(exist_ok=True)
         try:
@@ -413,7 +415,6 @@ def publish_dataset(folder: Path, home: Path, content: str) -> DatasetVersion:
             # Another process may have built the same content meanwhile; theirs is as good.
             if not target.is_dir():
                 raise
-    atomic.write_text(home / "latest", target.name + "\n")
     return DatasetVersion(target)
 
 
@@ -433,7 +434,7 @@ def open_dataset(reference: str, root: Path) -> DatasetVersion:
             raise ToktError(f"no dataset {name!r} (there are: {known or 'none yet'})")
         return DatasetVersion(home / pointer.read_text("utf-8").strip())
     found = [path.parent for path in home.glob(_VERSION_INFO)]
-    fitting = [path for path in found if path.name.startswith(prefix[:_HASH_CHARS])]
+    fitting = [path for path in found if path.name.startswith(prefix[:HASH_CHARS])]
     if len(fitting) != 1:
         raise ToktError(f"dataset {name!r}: {len(fitting) or 'no'} versions start with {prefix!r}")
     return DatasetVersion(fitting[0])

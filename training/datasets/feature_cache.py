@@ -19,7 +19,7 @@ from tokt.features.frames.view_mask import ViewMask
 from tokt.features.kernels.dispatch import KERNELS, LIBRARY
 from tokt.training.parallel import mapped
 
-from . import augmentations
+from . import augmentations, frame_rows
 from .dataset import FRAME_KEY, DatasetVersion, read_stored_frame
 from .frame_rows import SUFFIX as ROWS
 from .frame_rows import read_frame_rows
@@ -58,6 +58,8 @@ def feature_key(
         parts += [augmentation, hashlib.sha256(code).hexdigest()]
     if whole_frames:
         parts.append("labelled first")
+    if not dataset.pictured.all():
+        parts.append(hashlib.sha256(Path(frame_rows.__file__).read_bytes()).hexdigest())
     return json_sha256(parts)[:24]
 
 

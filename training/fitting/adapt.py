@@ -101,16 +101,19 @@ def packaged_model(bundle: Bundle, datasets: Path) -> KnownModel:
     """
     carried = install_carried(bundle, datasets)
     parameters = carried.parameters
-    return KnownModel(
-        bundle.name,
-        bundle,
-        carried.dataset,
-        parameters["extractor"],
-        FalseStatusTarget.logged(parameters),
-        TrainingSettings.logged(parameters),
-        Split.logged(parameters),
-        *_choices(bundle.provenance, bundle.metrics),
-    )
+    try:
+        return KnownModel(
+            bundle.name,
+            bundle,
+            carried.dataset,
+            parameters["extractor"],
+            FalseStatusTarget.logged(parameters),
+            TrainingSettings.logged(parameters),
+            Split.logged(parameters),
+            *_choices(bundle.provenance, bundle.metrics),
+        )
+    except (KeyError, ValueError, TypeError, AttributeError, SyntaxError):
+        raise ToktError(f"model {bundle.label}: what it was trained with is damaged") from None
 
 
 def _choices(

@@ -6,6 +6,7 @@ It is a zip of a dataset's files, whose frames are rows of features (`frame_rows
 
 import json
 import re
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +23,7 @@ from tokt.models.bundle.bundle import Bundle, unzip, zip_bytes
 from tokt.training.datasets.changed_patches import ChangedPatches, stored_rows
 from tokt.training.datasets.dataset import (
     FRAME_KEY,
+    HASH_CHARS,
     PATCH_KEY,
     DatasetPlan,
     DatasetVersion,
@@ -36,6 +38,7 @@ from .whole_frames import WholeFrames
 
 _PARAMETERS = "parameters.json"
 _TABLES = ("dataset.json", "patches.parquet", "frames.parquet")
+_NAME = re.compile(r"[\w-][\w.-]*")
 _FILE = re.compile(r"frames/[0-9a-f]{64}\.rows")
 
 
@@ -139,18 +142,25 @@ def install_carried(bundle: Bundle, datasets: Path) -> CarriedDataset:
     try:
         parameters = json.loads(members.pop(_PARAMETERS))
         info = json.loads(members["dataset.json"])
-        name, content = str(info["name"]), str(info["hash"])
+        name = str(info["name"])
         if not isinstance(parameters, dict):
             raise TypeError
     except (KeyError, ValueError, TypeError):
         raise ToktError(f"{where} is damaged") from None
     if any(member not in _TABLES and not _FILE.fullmatch(member) for member in members):
         raise ToktError(f"{where} has files of other kinds")
+    if not _NAME.fullmatch(name):
+        raise ToktError(f"{where} is damaged")
     atomic.remove_partials(datasets, atomic.ABANDONED_S)
-    with atomic.scratch_folder(datasets / name) as folder:
+    home = datasets / name
+    with atomic.scratch_folder(home) as folder:
         (folder / "frames").mkdir()
         for member, data in members.items():
             (folder / member).write_bytes(data)
-        dataset = publish_dataset(folder, datasets / name, content)
-    dataset.check()
-    return CarriedDataset(dataset, parameters)
+        found = DatasetVersion(folder)
+        found.check()  # the name of its folder is that of its content
+        there = home / found.hash[:HASH_CHARS]
+        if any(not (there / member).is_file() or (there / member).read_bytes() != data
+               for member, data in members.items() if member != "dataset.json"):  # fmt: skip
+            shutil.rmtree(there, ignore_errors=True)
+        return CarriedDataset(publish_dataset(folder, home, found.hash), parameters)

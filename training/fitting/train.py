@@ -121,6 +121,11 @@ def fit_and_measure(
     """
     dataset, settings = request.dataset, request.settings
     dataset.check()
+    if not (request.known_sight or dataset.pictured.all()):
+        raise ToktError(
+            f"dataset {dataset.label} has features of some frames, and no pictures: tokt adapt "
+            "goes on from it"
+        )
     if settings.two_images:
         _check_two_images(dataset)
     if settings.two_images or dataset.block_frames is None:

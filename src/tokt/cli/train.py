@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -28,7 +27,6 @@ from .output import answer, figure, print_at_sea, print_patches, progress, score
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from tokt.models.registry.registry import Registry
     from tokt.training.datasets.dataset import DatasetVersion
     from tokt.training.fitting.adapt import KnownModel
     from tokt.training.fitting.train_options import TrainedVersion
@@ -177,8 +175,8 @@ def adapt(
     dive that the page leads to (tokt label DIR --model MODEL).
     """
     from tokt.features.common import atomic
-    from tokt.models.pretrained.packaged import NAMES
-    from tokt.models.registry.registry import Registry
+    from tokt.models.registry.load import is_registered_name
+    from tokt.models.registry.registry import Registry, check_model_name
     from tokt.models.signing.passphrase import signing_key
     from tokt.training.fitting.adapt import adaptation, with_rate
     from tokt.training.fitting.tracking import adaptation_page, log_adaptation, log_and_register
@@ -187,13 +185,13 @@ def adapt(
 
     if force is not None and not force.strip():
         raise ToktError("--force needs the reason in words")
-    packaged = model in NAMES
-    registry, cache = Registry(workspace, create=packaged), workspace / "cache"
-    known, key = _known_model(registry, model, workspace), signing_key(sign)
+    packaged, cache = not is_registered_name(model), workspace / "cache"
+    known, key = _known_model(model, workspace), signing_key(sign)
     data, name = _with_new_dive(known, model, mission, labels or [], workspace)
-    if packaged:
-        # A model of its own, in characters that a model's name can have.
-        known = replace(known, name=re.sub(r"[^A-Za-z0-9_.-]", "_", f"{known.name}-{name}"))
+    if packaged:  # a model of its own
+        known = replace(known, name=f"{known.name}-{name}")
+        check_model_name(known.name)
+    registry = Registry(workspace, create=packaged)
     asked = split, site or (), force is not None
     found = adaptation(known, data, name, cache, progress, draws, jobs, *asked)
     worse = found.told["worse"]
@@ -223,16 +221,16 @@ def adapt(
     answer(json, result, show)
 
 
-def _known_model(registry: Registry, model: str, workspace: Path) -> KnownModel:
+def _known_model(model: str, workspace: Path) -> KnownModel:
     """Read the model that the next version goes on from."""
-    from tokt.models.pretrained.packaged import NAMES
-    from tokt.models.registry.load import load_model
+    from tokt.models.registry.load import is_registered_name, load_model
+    from tokt.models.registry.registry import Registry
     from tokt.training.fitting.adapt import known_model, packaged_model
 
     datasets = workspace / "datasets"
-    if model in NAMES:
-        return packaged_model(load_model(model), datasets)
-    return known_model(registry, model, datasets)
+    if is_registered_name(model):
+        return known_model(Registry(workspace), model, datasets)
+    return packaged_model(load_model(model), datasets)
 
 
 def _with_new_dive(

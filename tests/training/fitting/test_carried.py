@@ -104,6 +104,8 @@ def test_a_model_is_trained_on_rows_alone(carrying, tmp_path):
     known = packaged_model(bundle, tmp_path / "datasets")
     split = Split.of(rows, 5, 1)
     request = TrainRequest(rows, "again", bundle.extractor, "haralick", known.settings, split)
+    refuses("tokt adapt goes on from it", fit_and_measure, request, tmp_path, quiet, 1)
+    request = replace(request, known_sight=bundle.sight)
     trained = fit_and_measure(request, tmp_path, quiet, 1)
     assert trained.metrics["patch"]["f1"] > 0.95
 
@@ -115,19 +117,26 @@ def test_a_bundle_carries_it_and_a_workspace_takes_it(carrying, tmp_path):
         assert carried.dataset.hash == rows.hash and carried.parameters == carrying["logged"]
     assert [path.name for path in tmp_path.iterdir()] == ["begin"]
     assert carried.dataset.patches.equals(rows.patches)
+    lost = next((carried.dataset.path / "frames").iterdir())
+    lost.unlink()
+    assert (install_carried(bundle, tmp_path).dataset.path / "frames" / lost.name).is_file()
     again = write_dataset(carrying["plan"], tmp_path / "again", quiet)
     assert carried_bytes(again, carrying["logged"]) == bundle.dataset
     bare = bundle_from_bytes(bundle_bytes(replace(bundle.content, dataset=None)), "bare")
     refuses("carries no dataset to go on from", install_carried, bare, tmp_path)
 
 
-@pytest.mark.parametrize("fault", ["zip", "parameters", "other", "rows"])
+@pytest.mark.parametrize("fault", ["zip", "parameters", "settings", "other", "rows", "name"])
 def test_a_damaged_dataset_is_refused(carrying, tmp_path, fault):
     bundle = carrying["bundle"]
     members = unzip(bundle.dataset, "x")
     words = "is damaged"
     if fault == "parameters":
         members["parameters.json"] = b"[]"
+    elif fault == "settings":
+        members["parameters.json"], words = b"{}", "what it was trained with is damaged"
+    elif fault == "name":
+        members["dataset.json"] = members["dataset.json"].replace(b'"begin"', b'"../../x"')
     elif fault == "other":
         members["frames/../../x"], words = b"x", "has files of other kinds"
     elif fault == "rows":
@@ -135,7 +144,7 @@ def test_a_damaged_dataset_is_refused(carrying, tmp_path, fault):
         members[name], words = members[name][:-9], "is missing or damaged"
     data = b"no zip" if fault == "zip" else zip_bytes(members)
     refuses(words if fault != "zip" else "truncated or damaged",
-            install_carried, replace(bundle, dataset=data), tmp_path)  # fmt: skip
+            packaged_model, replace(bundle, dataset=data), tmp_path / "datasets")  # fmt: skip
     assert not (tmp_path / "x").exists()
 
 
