@@ -185,16 +185,9 @@ def joined_sight(
     for one in measured:
         before = sizes.get((one.height, one.width))
         sizes[one.height, one.width] = one if before is None else _wider(before, one)
-    least = min(
-        *(one.least_contrast for one in (*known, *measured) if one.least_contrast),
-        *(round(LEAST_VISIBLE * one.contrast, 5) for one in sizes.values()),
-        math.inf,
-    )
-    measures_contrast = any(one.least_contrast for one in (*known, *measured))
-    return tuple(
-        replace(one, least_contrast=least if measures_contrast else 0.0)
-        for _, one in sorted(sizes.items())
-    )
+    least = min((x.least_contrast for x in (*known, *measured) if x.least_contrast), default=0.0)
+    least = min(least, *(round(LEAST_VISIBLE * one.contrast, 5) for one in sizes.values()))
+    return tuple(replace(one, least_contrast=least) for _, one in sorted(sizes.items()))
 
 
 def _wider(one: SightLimits, other: SightLimits) -> SightLimits:

@@ -2,7 +2,7 @@
 
 ``python packaging/make_waters.py SITES``, the folder with the missions of `GROUPS` and their
 labels. The same frames, labels and versions of libraries give the same bytes. The bundle has no
-picture of them: its golden frames are rendered here, and its dataset are rows of features.
+picture of them: its golden frames are rendered here, and its dataset holds rows of features.
 """
 
 import json
@@ -28,10 +28,11 @@ from tokt.training.datasets.dataset import PATCH_KEY, write_dataset
 from tokt.training.datasets.dataset_options import build_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS
-from tokt.training.fitting.carried import carried_bytes, plan_of_rows
+from tokt.training.fitting.carried import carried_bytes
 from tokt.training.fitting.contents import content_of, recipe_of
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.drift_limits import training_distribution
+from tokt.training.fitting.plan_of_rows import plan_of_rows
 from tokt.training.fitting.presets import (
     DEFAULT_EXTRACTOR,
     extractor_for,
@@ -86,9 +87,11 @@ shivan2004/underwater-object-detection-and-image-enhancement | CC-BY-4.0 |
 The frames are single pictures of basins, aquariums and a few places in the sea. None is of a \
 dive at night or with lamps alone, of a wreck, of ice, or of a gray camera. It is a model to \
 begin with: it is unsure on views unlike its waters, which the runtime calls unknown where they \
-are far from all that it learnt. Its rate of false statuses on a dive is not known. Label a few \
-frames of your own dive (`tokt label DIR --model waters`) and let it learn them (`tokt adapt \
-waters --mission DIR`) before you rely on it.
+are far from all that it learnt. Its rate of false statuses on a dive is not known. Sight was \
+measured for the frame sizes that it learnt: of a camera with another size it calls hardly any \
+view clear, and most of open water unknown. Label a few frames of your own dive (`tokt label \
+DIR --model waters`) and let it learn them (`tokt adapt waters --mission DIR`) before you rely \
+on it.
 """
 _HEIGHT, _WIDTH = 180, 240
 _WATER_BGR = (150.0, 120.0, 60.0)

@@ -84,7 +84,8 @@ _MEMBERS = (
 _OPTIONAL_SINCE = {_DISTRIBUTION: 3, _DATASET: 6}  # members, and the format that they came with
 MAX_MEMBER_BYTES = 64 * 1024 * 1024
 _MAX_FAULT = 200  # characters
-_MAX_NAME = 100  # characters
+MAX_NAME = 100
+"""Characters of a model's name, and of others in a bundle."""
 _MAX_GOLDEN_FRAMES = 100  # training writes two
 _MAX_SIZES, _MAX_SIDE = 10_000, 100_000  # of frames; pixels
 _MAX_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they are huge pictures
@@ -554,8 +555,8 @@ def _brief(error: Exception) -> str:
 
 def _text(value: Any) -> str:
     """A name: it goes into every datagram, log line and history, so it is short and one line."""
-    if not isinstance(value, str) or not 0 < len(value) <= _MAX_NAME:
-        raise TypeError(f"{value!r} is not a name of 1 to {_MAX_NAME} characters")
+    if not isinstance(value, str) or not 0 < len(value) <= MAX_NAME:
+        raise TypeError(f"{value!r} is not a name of 1 to {MAX_NAME} characters")
     if not value.isprintable():
         raise TypeError(f"{value!r} is not a name: it has unprintable characters")
     return value

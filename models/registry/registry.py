@@ -40,6 +40,7 @@ from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import (
     MAX_FILE_BYTES,
     MAX_MEMBER_BYTES,
+    MAX_NAME,
     Bundle,
     BundleContent,
     bundle_bytes,
@@ -83,7 +84,6 @@ distribution of features, 1 to 3 no bundle, 1 to 4 no numbers of sight."""
 BUNDLE_FILE = "model.tokt"
 """The bundle's name in MLflow's model."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-_MAX_NAME = 100  # characters of a model's name, as in a bundle
 _Result = TypeVar("_Result")
 _ARTIFACTS = "mlartifacts"
 _PLACES = (
@@ -101,9 +101,9 @@ _MAX_TABLE_VALUES = 500_000_000
 
 def check_model_name(name: str) -> None:
     """Raise ToktError unless `name` can be a model's name, also in a file name."""
-    if not _NAME.fullmatch(name) or len(name) > _MAX_NAME:
+    if not _NAME.fullmatch(name) or len(name) > MAX_NAME:
         raise ToktError(
-            f"model name {name!r}: use letters, digits, '-', '_' and '.', {_MAX_NAME} at most"
+            f"model name {name!r}: use letters, digits, '-', '_' and '.', {MAX_NAME} at most"
         )
     if name in PACKAGED:
         raise ToktError(f"model name {name!r} is that of a model that comes with tokt")

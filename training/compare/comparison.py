@@ -153,8 +153,7 @@ def _pictures(compared: ComparedModels) -> tuple[list[U8], str]:
         table = compared.series.table
         rows = np.unique(np.linspace(0, len(table) - 1, _TIMED_FRAMES).round().astype(int))
         keys = table.loc[rows, ["mission", "camera", "frame"]].itertuples(index=False, name=None)
-        read = (compared.read_frame(*key) for key in keys)
-        pictures = [picture for picture in read if picture is not None]
+        pictures = [one for key in keys if (one := compared.read_frame(*key)) is not None]
         return pictures, f"{len(pictures)} frames of the mission"
     golden = compared.models[0].bundle.content.golden.frames
     what = "1 golden frame" if len(golden) == 1 else f"{len(golden)} golden frames"

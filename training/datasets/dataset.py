@@ -12,8 +12,8 @@ On disk, below the workspace::
 The hash is SHA-256 over everything that can change what a model learns: task, grid, taxonomy,
 every patch's label and group, every frame's pixels. It does not cover the dataset's name, nor
 how a frame's file is compressed, nor the missions' `sites`, which are only there where some were
-given: they say how to test, not what is learnt. It covers the names
-of files of rows, and so their content. `unsure` patches are counted, never stored. The
+given: they say how to test, not what is learnt. It covers the names of files of rows, and so their
+content. `unsure` patches are counted, never stored. The
 missions' `masks`, where there are any, are covered by the hash: frames are stored as the camera
 gave them, and read with what is no view covered.
 
@@ -44,7 +44,7 @@ from tokt.inference.sight import unseen_causes
 from tokt.labels.taxonomy import Taxonomy
 
 from .frame_rows import SUFFIX as ROWS
-from .frame_rows import file_name, size_in_rows
+from .frame_rows import file_name
 from .splits import joined_names
 
 FORMAT_VERSION = 1
@@ -72,7 +72,8 @@ class FrameSource:
     frame: int
     group: str  # frames of one group are never split between training and test
     load: Callable[[], tuple[bytes, str]]  # gives the frame's encoded file and suffix; called once
-    digest: str = ""  # of its pixels, where that file is one of rows
+    # Pixel hash, height and width of the frame, where that file is one of rows.
+    known: tuple[str, int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -302,10 +303,10 @@ def _store_frames(
         data, suffix = source.load()
         name = f"{source.mission}, {source.camera} frame {source.frame}"
         key = (source.mission, source.camera, source.frame)
-        if source.digest:
-            size, file = size_in_rows(data, source.digest, name), file_name(data)
-            (folder / file).write_bytes(data)
-            rows.append((*key, source.group, source.digest, file, *size))
+        if source.known is not None:
+            digest, *size = source.known
+            (folder / file_name(data)).write_bytes(data)
+            rows.append((*key, source.group, digest, file_name(data), *size))
             continue
         image = decode_image(data, name)
         with naming(f"dataset {label}: {name}"):
@@ -354,6 +355,12 @@ def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> 
     }
 
 
+def check_dataset_name(name: str) -> None:
+    """Raise ToktError unless `name` can be a dataset's name, also in a path."""
+    if not _NAME.fullmatch(name):
+        raise ToktError(f"dataset name {name!r}: use letters, digits, '-', '_' and '.'")
+
+
 def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -> DatasetVersion:
     """Write a dataset version into the workspace's ``datasets`` folder; the same content once.
 
@@ -361,8 +368,7 @@ def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     """
     if plan.task not in TASKS:
         raise ToktError(f"task is one of {', '.join(TASKS)}, not {plan.task!r}")
-    if not _NAME.fullmatch(plan.name):
-        raise ToktError(f"dataset name {plan.name!r}: use letters, digits, '-', '_' and '.'")
+    check_dataset_name(plan.name)
     _check_classes(plan)
     atomic.remove_partials(root, atomic.ABANDONED_S)
     home = root / plan.name

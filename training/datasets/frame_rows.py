@@ -28,7 +28,7 @@ _LEVELS = 15  # steps of 4 bits
 _RANGE = 3.0  # standard deviations to either side; a map before the weights cuts off at 2.5
 _ARRAYS = {
     **dict.fromkeys(("about", "digests", "values", "changed"), np.uint8),
-    **dict.fromkeys(("sizes", "cells"), np.int32),
+    "cells": np.int32,
     **dict.fromkeys(("low", "step"), np.float32),
 }
 
@@ -38,8 +38,6 @@ class FrameRows:
     """What is known of one frame without its picture."""
 
     digest: str  # of the frame's pixels
-    height: int  # of the frame, in pixels
-    width: int
     values: F64  # (n_patches, dim): of the frame as it is
     changed: F64  # (n_changed, dim): of some patches of the frame, changed at random
     cells: I64  # (n_changed,): which patch each of these shows
@@ -97,7 +95,6 @@ def rows_file(frames: Sequence[FrameRows], spec: dict[str, Any], changes: str) -
     return npz_bytes(
         about=np.frombuffer(json.dumps(about, sort_keys=True).encode(), np.uint8),
         digests=np.stack([np.frombuffer(bytes.fromhex(one.digest), np.uint8) for one in frames]),
-        sizes=np.array([(one.height, one.width) for one in frames], np.int32),
         low=np.stack([scale.low for scale in scales.values()]).astype(np.float32),
         step=np.stack([scale.step for scale in scales.values()]).astype(np.float32),
         values=packed["values"].reshape(*values.shape[:2], -1),
@@ -106,15 +103,6 @@ def rows_file(frames: Sequence[FrameRows], spec: dict[str, Any], changes: str) -
             [place * patches + one.cells for place, one in enumerate(frames)]
         ).astype(np.int32),
     )
-
-
-def size_in_rows(data: bytes, digest: str, where: str) -> tuple[int, int]:
-    """Return height and width of a frame in a file of rows; ToktError if it has no such frame."""
-    arrays = arrays_of(unzip(data, where), _ARRAYS, where)
-    for one, size in zip(arrays["digests"], arrays["sizes"].tolist(), strict=True):
-        if bytes(one).hex() == digest:
-            return size[0], size[1]
-    raise ToktError(f"{where} is not in its file of rows")
 
 
 def file_name(data: bytes) -> str:
@@ -156,7 +144,6 @@ def read_frame_rows(
         digests = [bytes(one).hex() for one in arrays["digests"]]
         place = digests.index(digest)
         scales = map(Scale, *(arrays[name].astype(np.float64) for name in ("low", "step")))
-        height, width = map(int, arrays["sizes"][place])
         patches = arrays["values"].shape[1]
         mine = arrays["cells"] // patches == place
     except (ValueError, KeyError, TypeError, IndexError):
@@ -169,4 +156,4 @@ def read_frame_rows(
     kept = arrays["values"][place], arrays["changed"][mine]
     values, changed = (scale.unpacked(packed) for scale, packed in zip(scales, kept, strict=True))
     cells = arrays["cells"][mine].astype(np.int64) % patches
-    return FrameRows(digest, height, width, values, changed, cells)
+    return FrameRows(digest, values, changed, cells)

@@ -244,7 +244,7 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
     stored = [
         FrameSource(
             *(row.mission, row.camera, row.frame, row.group, partial(_stored, base, row)),
-            digest="" if pictured else row.digest,
+            known=None if pictured else (row.digest, row.height, row.width),
         )
         for row, pictured in zip(base.frames.itertuples(index=False), base.pictured, strict=True)
     ]

@@ -27,6 +27,7 @@ from .output import answer, figure, print_at_sea, print_patches, progress, score
 from .output import print_line as print
 
 if TYPE_CHECKING:
+    from tokt.models.registry.registry import Registry
     from tokt.training.datasets.dataset import DatasetVersion
     from tokt.training.fitting.adapt import KnownModel
     from tokt.training.fitting.train_options import TrainedVersion
@@ -186,12 +187,12 @@ def adapt(
     if force is not None and not force.strip():
         raise ToktError("--force needs the reason in words")
     packaged, cache = not is_registered_name(model), workspace / "cache"
-    known, key = _known_model(model, workspace), signing_key(sign)
+    registry = Registry(workspace, create=packaged)
+    known, key = _known_model(registry, model, workspace / "datasets"), signing_key(sign)
     data, name = _with_new_dive(known, model, mission, labels or [], workspace)
     if packaged:  # a model of its own
         known = replace(known, name=f"{known.name}-{name}")
         check_model_name(known.name)
-    registry = Registry(workspace, create=packaged)
     asked = split, site or (), force is not None
     found = adaptation(known, data, name, cache, progress, draws, jobs, *asked)
     worse = found.told["worse"]
@@ -221,15 +222,13 @@ def adapt(
     answer(json, result, show)
 
 
-def _known_model(model: str, workspace: Path) -> KnownModel:
+def _known_model(registry: Registry, model: str, datasets: Path) -> KnownModel:
     """Read the model that the next version goes on from."""
     from tokt.models.registry.load import is_registered_name, load_model
-    from tokt.models.registry.registry import Registry
     from tokt.training.fitting.adapt import known_model, packaged_model
 
-    datasets = workspace / "datasets"
     if is_registered_name(model):
-        return known_model(Registry(workspace), model, datasets)
+        return known_model(registry, model, datasets)
     return packaged_model(load_model(model), datasets)
 
 

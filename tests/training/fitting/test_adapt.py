@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -270,6 +272,27 @@ def test_its_rate_is_unknown_as_its_water_frames_are_not_in_a_row(three):
     assert three["found"]["operating_point"]["chosen"]["rate_unknown_in"] == ["night"]
     assert three["found"]["adaptation"]["rate_unknown"]
     assert "unknown" in three["found"]["adaptation"]["words"][-1]
+
+
+def test_a_program_measures_what_adapting_gains(three, tiny_truth, tmp_path, told):
+    """Docs' table has its lines: before and after are what `tokt evaluate` says of other frames."""
+    path, labels = three["new"]
+    program = Path(__file__).parents[3] / "docs" / "measure_adaptation.py"
+    ran = subprocess.run(
+        [sys.executable, program, "tower/1", path, labels, "4,99", three["workspace"]],
+        **{"capture_output": True, "text": True, "check": False},
+    )
+    assert ran.returncode == 0, ran.stderr
+    (line,) = ran.stdout.splitlines()  # of 99 frames there are too few
+    found = json.loads(line)
+    assert (found["mission"], found["labelled"]) == ("night", 4) and found["times"] > 0
+    assert found["worst_dive"] in ("one", "two") and found["worst"] <= found["mean"]
+    learnt = np.random.default_rng(7).permutation(FRAMES)[:4]
+    rows = [one for one in tiny_truth.labels("night") if one[2] in {*FRAMES} - {*learnt.tolist()}]
+    others = write_labels(tmp_path / "others.csv", rows)
+    given = ("--mission", path, "--labels", others, "--workspace", three["workspace"])
+    patch = told("evaluate", "tower/1", *given)["patch"]
+    assert found["before"] == [patch["f1"], patch["average_precision"]] != found["after"]
 
 
 def test_two_neighbour_frames_tell_nothing(three, adapted, tiny_truth, tmp_path, done):

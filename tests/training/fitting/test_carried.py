@@ -14,8 +14,9 @@ from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import open_dataset, write_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.fitting.adapt import packaged_model
-from tokt.training.fitting.carried import carried_bytes, install_carried, plan_of_rows
+from tokt.training.fitting.carried import carried_bytes, install_carried
 from tokt.training.fitting.cross_validation import Split
+from tokt.training.fitting.plan_of_rows import plan_of_rows
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 CHANGES = "random_2"
