@@ -138,6 +138,7 @@ def test_a_damaged_dataset_is_refused(carrying, tmp_path, fault):
         members["parameters.json"], words = b"{}", "what it was trained with is damaged"
     elif fault == "name":
         members["dataset.json"] = members["dataset.json"].replace(b'"begin"', b'"../../x"')
+        words = "dataset name '../../x'"
     elif fault == "other":
         members["frames/../../x"], words = b"x", "has files of other kinds"
     elif fault == "rows":
