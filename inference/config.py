@@ -183,6 +183,13 @@ class ModelConfig:
         "an older tokt. Each verdict's health says so.",
         only=MODELS,
     )
+    sharp_frames: Path | None = option(
+        None,
+        "Folder or video of frames that you know to be sharp, of a camera that the model did not "
+        "learn. Clear is then also said of views that show as much detail as these.",
+        "FRAMES",
+        only=MODELS,
+    )
     threads: int = option(1, "Threads that share a frame's patches.", only=MODELS, logged="threads")
     fixed_boundary: bool = option(
         False,

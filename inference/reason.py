@@ -59,7 +59,8 @@ class Reason(StrEnum):
     Check the network for losses, and whether something covers the lens."""
     BLURRED = "blurred"
     """A part of the view has none of the fine detail that the camera's pictures have.
-    Clean the port; check the focus, and whether the video is compressed more than in training."""
+    Clean the port; check the focus, and whether the video is compressed more than in training.
+    For a camera that the model did not learn, name sharp frames of it (`--sharp-frames`)."""
     VISIBILITY = "visibility"
     """The water lets too little contrast through: what is there may not be seen.
     Go slower and nearer, lower the lamps; label frames of this water and run `tokt adapt`."""

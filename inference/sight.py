@@ -78,7 +78,8 @@ FLAT_GREY = 0.02
 
 _MASKED = CAUSES.index(MASKED)
 _NO_PICTURE = [CAUSES.index(cause) for cause in (DARK, SATURATED, FLAT)]
-_UNLIT = [CAUSES.index(cause) for cause in (DARK, SATURATED)]
+_WITHOUT_LIMITS = DARK, SATURATED
+_UNLIT = [CAUSES.index(cause) for cause in _WITHOUT_LIMITS]
 _NOISE = [MEASURES.index(name) for name in ("noise_across", "noise_down")]
 _COARSE = MEASURES.index("coarse")
 
@@ -100,6 +101,7 @@ class SightMap:
     visibility: float | None = None
     least_visibility: float = 0.0
     reach_m: float | None = None  # as far as stereo has matched anything in the last pairs
+    unlearnt: str = ""  # words where the limits are those of frames of another size
 
     @property
     def seen(self) -> Bools:
@@ -145,6 +147,8 @@ class SightMap:
         count, of = int(self._unseen.sum()), int((~self.masked).sum())
         words = f"{count} of {of} patches are not seen, {blind.patches} of them together"
         words = f"{blind.cause}: {words}, {_place(blind, rows, cols)}"
+        if blind.cause not in _WITHOUT_LIMITS:
+            words += self.unlearnt
         return Fault(_REASONS[blind.cause], words)
 
     @property
@@ -152,7 +156,8 @@ class SightMap:
         if self.visibility is None or self.visibility >= self.least_visibility:
             return NO_FAULT
         words = f"contrast is {self.visibility:.2f} of the training frames', at least "
-        return Fault(Reason.VISIBILITY, f"{words}{self.least_visibility:.2f} is needed")
+        words += f"{self.least_visibility:.2f} is needed{self.unlearnt}"
+        return Fault(Reason.VISIBILITY, words)
 
     def to_fields(self) -> dict[str, tuple[float, ...]]:
         """The ``sight`` of a verdict."""
@@ -238,7 +243,7 @@ class SightMeter:
         if last is None or not last.is_of(frame, picture):
             sight, contrast = self._measured(picture, gray16, frame.mask(side))
             if side == "left" and contrast is not None:
-                sight = self._with_visibility(sight, contrast, picture.shape[1])
+                sight = self._with_visibility(sight, contrast, *picture.shape[:2])
             last = self._last[side] = _Measured(frame.number, frame.t, picture, gray16, sight)
         return last.sight
 
@@ -254,9 +259,12 @@ class SightMeter:
             return gray_picture(picture, grid)
         return np.asarray((last.gray16 + STEPS_PER_LEVEL // 2) // STEPS_PER_LEVEL, np.uint8)
 
-    def measure(self, picture: U8) -> SightMap:
-        """Map what is seen of a picture alone, uint8 (height, width) or (height, width, 3)."""
-        return self._measured(picture, None, None)[0]
+    def measure(self, picture: U8, mask: ViewMask | None = None) -> SightMap:
+        """Map what is seen of a picture alone, uint8 (height, width) or (height, width, 3).
+
+        It is covered where it has a mask.
+        """
+        return self._measured(picture, None, mask)[0]
 
     def _measured(
         self, picture: U8, gray16: NDArray[np.uint16] | None, mask: ViewMask | None
@@ -266,15 +274,24 @@ class SightMeter:
         detail = patch_detail(picture, gray16, masked)
         if detail is None:
             return _WHOLE, None
-        limits = limits_for(self.limits, picture.shape[1]) or self._otherwise
-        causes = _causes(detail, limits)
+        height, width = picture.shape[:2]
+        learnt = limits_for(self.limits, height, width)
+        causes = _causes(detail, learnt or self._otherwise)
         if masked is not None:
             causes[masked] = _MASKED
-        return SightMap(causes), detail.visible_contrast
+        unlearnt = ""
+        if learnt is not None and (learnt.height, learnt.width) != (height, width):
+            unlearnt = (
+                f"; compared with {learnt.width}x{learnt.height} frames, as the model learnt from "
+                f"none of {width}x{height} (--sharp-frames)"
+            )
+        return SightMap(causes, unlearnt=unlearnt), detail.visible_contrast
 
-    def _with_visibility(self, sight: SightMap, contrast: float, width: int) -> SightMap:
+    def _with_visibility(
+        self, sight: SightMap, contrast: float, height: int, width: int
+    ) -> SightMap:
         """Follow the contrast over the frames that have light."""
-        limits = limits_for(self.limits, width)
+        limits = limits_for(self.limits, height, width)
         if limits is None or not limits.contrast:
             return sight
         if not np.isin(sight.causes[~sight.masked], _UNLIT).all():
@@ -302,7 +319,7 @@ def unseen_causes(
     mask : ViewMask or None
     grid : Grid
     """
-    causes = SightMeter(limits)._measured(picture, None, mask)[0].causes
+    causes = SightMeter(limits).measure(picture, mask).causes
     if not causes.any():  # among others where the frame is too small for patches
         return [""] * grid.n_patches
     height, width = picture.shape[:2]

@@ -284,14 +284,18 @@ def sight_from_json(value: Any) -> tuple[SightLimits, ...]:
     return tuple(SightLimits.from_json(each) for each in sizes)
 
 
-def limits_for(limits: Sequence[SightLimits], width: int) -> SightLimits | None:
-    """Those of the size that is nearest to a frame's width; None where there are none."""
-    return min(limits, key=lambda each: abs(each.width - width), default=None)
+def limits_for(limits: Sequence[SightLimits], height: int, width: int) -> SightLimits | None:
+    """Choose the limits of a frame's size, or else of the nearest width; None of no limits."""
+
+    def distance(one: SightLimits) -> tuple[bool, int]:
+        return (one.height, one.width) != (height, width), abs(one.width - width)
+
+    return min(limits, key=distance, default=None)
 
 
-def blindness(limits: Sequence[SightLimits], width: int) -> str:
-    """Why a blurred frame of this width may look like open water, or an empty string."""
-    nearest = limits_for(limits, width)
+def blindness(limits: Sequence[SightLimits], height: int, width: int) -> str:
+    """Say why a blurred frame of this size may look like open water, or an empty string."""
+    nearest = limits_for(limits, height, width)
     if nearest is None:
         return "sight was not measured on the model's training frames"
     if nearest.blind:

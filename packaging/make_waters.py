@@ -88,10 +88,10 @@ The frames are single pictures of basins, aquariums and a few places in the sea.
 dive at night or with lamps alone, of a wreck, of ice, or of a gray camera. It is a model to \
 begin with: it is unsure on views unlike its waters, which the runtime calls unknown where they \
 are far from all that it learnt. Its rate of false statuses on a dive is not known. Sight was \
-measured for the frame sizes that it learnt: of a camera with another size it calls hardly any \
-view clear, and most of open water unknown. Label a few frames of your own dive (`tokt label \
-DIR --model waters`) and let it learn them (`tokt adapt waters --mission DIR`) before you rely \
-on it.
+measured of the cameras that it learnt: open water that another one shows is mostly unknown, \
+unless `tokt run --sharp-frames FRAMES` names sharp frames of it. Label a few frames of your own \
+dive (`tokt label DIR --model waters`) and let it learn them (`tokt adapt waters --mission DIR`) \
+before you rely on it.
 """
 _HEIGHT, _WIDTH = 180, 240
 _WATER_BGR = (150.0, 120.0, 60.0)

@@ -27,6 +27,7 @@ from tokt.inference.report import EventQueue
 
 if TYPE_CHECKING:
     from tokt.inference.recording.recorder import Recorder
+    from tokt.models.sight import SightLimits
 
 
 def _live_view(config: RunConfig, events: EventQueue, naming: ObjectNaming) -> Observer:
@@ -69,6 +70,7 @@ def open_observers(
     opened: ExitStack,
     nmea_fault: Callable[[], str],
     naming: ObjectNaming,
+    sight: tuple[SightLimits, ...] = (),
 ) -> Observers:
     """Everybody that was asked for; closed with `opened`."""
     run, wanted, model = new_run_id(SYSTEM_CLOCK), config.recording, config.model
@@ -114,7 +116,9 @@ def open_observers(
         other = model_named(model.shadow)
         named = other.label, other.sha256, other.data
         challenger = Challenger(
-            *named, config.policy.policy, pairs, model.threads, config.policy.moving
+            *(*named, config.policy.policy, pairs, model.threads),
+            moving=config.policy.moving,
+            sight=sight,
         )
         # After the others: in a replay without a rate it waits for its challenger.
         keep(Shadow(challenger, lines, run, source.live, SYSTEM_CLOCK, events.put))

@@ -38,6 +38,7 @@ from tokt.inference.sources.files import MissionSource, open_source
 from tokt.inference.sources.open import is_camera_source, open_camera_source
 from tokt.inference.sources.stream import StreamSource, is_stream_source
 from tokt.models.bundle.bundle import Bundle
+from tokt.models.sight import sight_to_json
 
 from .observers import open_observers
 from .option_checks import check_options
@@ -98,7 +99,7 @@ def run(config: RunConfig) -> Summary:
         vehicle = VehicleState(SYSTEM_CLOCK)
         senders = open_senders(config, pairs, vehicle, events, opened)
         nmea_fault = read_nmea(config.source, vehicle, opened)
-        model = RunModel(config.model)
+        model = RunModel(config.model, config.source.pixel_format)
         size = config.policy.anchor
         assembly = assemble(
             *(config.policy.policy, model.loader, pairs, config.model.threads),
@@ -111,7 +112,9 @@ def run(config: RunConfig) -> Summary:
         if assembly.texture is not None:
             assembly.texture.note = model.note
         naming = _naming(config, source, assembly)
-        looking = open_observers(config, pairs, senders, source, events, opened, nmea_fault, naming)
+        looking = open_observers(
+            config, pairs, senders, source, events, opened, nmea_fault, naming, model.sight
+        )
         for line in model.words():
             say(line)
         # Who writes to the terminal from now on writes across it.
@@ -235,6 +238,7 @@ def _start_event(config: RunConfig, model: RunModel, source: Source, masks: Came
         model_fault=model.fault,
         model_note=model.note,
         masks=masks.to_json() if masks else None,
+        sight=sight_to_json(model.sight) if model.sight else None,
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
     )
     again = restarts()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tokt.features.common.errors import ToktError
@@ -11,9 +12,11 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import ModelConfig, RunConfig
 from tokt.inference.monitoring.drift import DriftMonitor
 from tokt.inference.monitoring.reload import ModelReloader
+from tokt.inference.monitoring.watchdog import restarts
 from tokt.inference.policy.assembly import Assembly
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.sight import SightLimits
 from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
 
@@ -24,11 +27,29 @@ if TYPE_CHECKING:
 class RunModel:
     """The model a run begins with."""
 
-    def __init__(self, wanted: ModelConfig) -> None:
+    def __init__(self, wanted: ModelConfig, pixel_format: str | None = None) -> None:
         self.bundle: Bundle | None = None  # it, once loaded
         self.fault = ""  # why it could not be loaded
         self.notes: list[str] = []  # why it is not the store's active one
+        self.sight: tuple[SightLimits, ...] = ()  # of the frames that the options call sharp
+        self.sight_fault = ""  # why it has none, though they do
         self._wanted = wanted
+        if wanted.sharp_frames is not None:
+            self._measure_sight(wanted.sharp_frames, pixel_format)
+
+    def _measure_sight(self, place: Path, pixel_format: str | None) -> None:
+        # Imported where it is asked for: a runtime without is started sooner.
+        from tokt.features.frames.mission import open_mission
+        from tokt.inference.sharp_frames import measure_sharp_frames
+
+        blind = self._wanted.accept_blind
+        try:
+            self.sight = measure_sharp_frames(open_mission(place), pixel_format, accept_blind=blind)
+        except ToktError as error:
+            # Started again by its watchdog it still has to warn: only clear needs these frames.
+            if not restarts():
+                raise
+            self.sight_fault = f"--sharp-frames: {error}"
 
     @property
     def loader(self) -> Callable[[], Bundle] | None:
@@ -45,25 +66,29 @@ class RunModel:
             else:
                 assert self._wanted.store is not None
                 found, self.notes = load_running(Store(self._wanted.store))
-            found.check_sight(self._wanted.accept_blind)
+            running = self.as_it_runs(found)
+            running.check_sight(self._wanted.accept_blind)
         except ToktError as error:
             self.fault = str(error)
             raise
-        self.bundle = self.as_it_runs(found)
+        self.bundle = running
         return self.bundle
 
     def as_it_runs(self, bundle: Bundle) -> Bundle:
-        """A model that has passed all checks, with its boundary as the options want it."""
+        """Return a model with its boundary and its sight as the options want them."""
+        if self.sight:
+            bundle = bundle.with_sight(self.sight)
         return bundle.with_fixed_boundary() if self._wanted.fixed_boundary else bundle
 
     @property
     def note(self) -> str:
         """What each verdict's health says of it: why it is not the active one, or not measured."""
-        return _note_on(self.bundle, *self.notes)
+        return _note_on(self.bundle, *self.notes, self.sight_fault)
 
     def words(self) -> list[str]:
         """Lines for people."""
-        lines = [f"WARNING: {note}" for note in self.notes]
+        notes = filter(None, (*self.notes, self.sight_fault))
+        lines = [f"WARNING: {note}" for note in notes]
         if self.bundle is None:
             return lines
         rule = self.bundle.operating_point.rule
@@ -87,13 +112,14 @@ def open_model_watch(
 
     def put(bundle: Bundle, note: str) -> None:
         wanted = config.model
-        detector = TextureDetector(model.as_it_runs(bundle), wanted.threads, assembly.sight)
-        slot.put(detector, _note_on(bundle, note))
+        running = model.as_it_runs(bundle)
+        detector = TextureDetector(running, wanted.threads, assembly.sight)
+        slot.put(detector, _note_on(running, note, model.sight_fault))
         drift.set_model(bundle)
 
     def misfit(bundle: Bundle, frame: Frame | None = None) -> str:
         try:
-            bundle.check_sight(config.model.accept_blind)
+            model.as_it_runs(bundle).check_sight(config.model.accept_blind)
         except ToktError as error:
             return str(error)
         return assembly.misfit(bundle, frame)

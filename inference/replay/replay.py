@@ -47,6 +47,7 @@ from tokt.inference.stereo.odometry import Odometry, load_odometry
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import STATUS_WORDS, TEXTURE, status_table
 from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.sight import sight_from_json
 from tokt.models.store.store import Store
 
 from .logged_run import ANCHOR, TREND, VERDICT, LoggedFrame, LoggedRun, is_recording
@@ -179,8 +180,11 @@ class Replay:
         return self._as_it_ran(self.models[start.model.sha256])
 
     def _as_it_ran(self, model: Bundle) -> Bundle:
-        """With the boundary as the run's options had it."""
-        return model.with_fixed_boundary() if self.run.start.fixed_boundary else model
+        """With the boundary and the sight as the run's options had them."""
+        start = self.run.start
+        if start.sight is not None:
+            model = model.with_sight(sight_from_json(start.sight))
+        return model.with_fixed_boundary() if start.fixed_boundary else model
 
     def _shown(self, logged: LoggedFrame) -> tuple[Frame | None, str]:
         """The frame as the policy saw it, or why it cannot be shown again."""

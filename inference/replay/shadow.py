@@ -21,7 +21,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -37,7 +36,8 @@ from tokt.inference.publisher import Observer
 from tokt.inference.recording.log import JsonLines, LinesApart
 from tokt.inference.report import Event, Report
 from tokt.inference.verdict import UNKNOWN
-from tokt.models.bundle.bundle import bundle_from_bytes
+from tokt.models.bundle.bundle import Bundle, bundle_from_bytes
+from tokt.models.sight import SightLimits
 
 READY = "ready"
 NICENESS = 10
@@ -58,6 +58,7 @@ class Challenger:
     stereo: StereoSetup | None = None
     threads: int = 1
     moving: str = NEAR
+    sight: tuple[SightLimits, ...] = ()  # of the frames that the run's options call sharp
 
     def __post_init__(self) -> None:
         if self.policy == "disparity":
@@ -65,7 +66,11 @@ class Challenger:
 
     def assemble(self) -> Assembly:
         """The policy; ToktError if it cannot be put together, or the bundle fails a check."""
-        load = partial(bundle_from_bytes, self.data, self.label)
+
+        def load() -> Bundle:
+            bundle = bundle_from_bytes(self.data, self.label)
+            return bundle.with_sight(self.sight) if self.sight else bundle
+
         # Never late: how long it takes behind the running model is told, and no fault.
         return assemble(
             *(self.policy, load, self.stereo, self.threads, FixedStopwatch()), moving=self.moving

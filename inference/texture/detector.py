@@ -178,7 +178,7 @@ class TextureDetector:
             features, clear = features[view], clear[view]
         found = self._believed(found, sight, features, clear)
         # Of a model without sight the run says it once, so that older logs are judged as they were.
-        blind = blindness(self.scorer.sight, width) if self.scorer.sight else ""
+        blind = blindness(self.scorer.sight, height, width) if self.scorer.sight else ""
         note = "; ".join(filter(None, (found.note, blind)))
         return replace(found, note=note, features=features, boundary=boundary, sight=sight)
 

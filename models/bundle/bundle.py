@@ -42,7 +42,7 @@ import struct
 import tokenize
 import warnings
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
@@ -64,7 +64,7 @@ from tokt.models.frame_sizes import Size
 from tokt.models.linear import LinearModel, moved
 from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
-from tokt.models.sight import SightLimits, blindness, sight_from_json, sight_to_json
+from tokt.models.sight import SightLimits, blindness, joined_sight, sight_from_json, sight_to_json
 from tokt.models.water import WaterState
 
 from .signature import MEMBER as SIGNATURE
@@ -176,6 +176,13 @@ class Bundle(BundleContent):
         """The same model without a prior of the water; its file and hash stay those it has."""
         return replace(self, operating_point=replace(self.operating_point, water=None))
 
+    def with_sight(self, measured: Sequence[SightLimits]) -> Self:
+        """Return the same model, which also says clear of what frames with these limits show.
+
+        Its file and hash stay those it has.
+        """
+        return replace(self, sight=joined_sight(self.sight, measured))
+
     @property
     def label(self) -> str:
         """``name/version``, as datagrams and logs carry it."""
@@ -203,7 +210,7 @@ class Bundle(BundleContent):
 
         It is empty where one size of its frames has sight: the runtime says it of the others.
         """
-        faults = [blindness(self.sight, width) for _, width in self.frame_sizes]
+        faults = [blindness(self.sight, *size) for size in self.frame_sizes]
         return faults[0] if all(faults) else ""
 
     def check_sight(self, accept_blind: bool) -> None:

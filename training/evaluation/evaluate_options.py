@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import ToktError
-from tokt.features.frames.mission import parse_frames
+from tokt.features.frames.mission import open_mission, parse_frames
 from tokt.features.frames.view_mask import mask_options
+from tokt.inference.sharp_frames import measure_sharp_frames
 from tokt.labels.formats.options import Progress, no_progress
 from tokt.labels.taxonomy import load_taxonomy
 from tokt.models.bundle.bundle import Bundle
@@ -64,6 +65,7 @@ class EvaluateOptions(MissionOptions):
     model: PathOrText
     patches: PathOrText | None = None
     fixed_boundary: bool = False
+    sharp_frames: PathOrText | None = None
 
 
 @takes(EvaluateOptions)
@@ -99,16 +101,19 @@ def evaluate(
     """
     if bool(options.mission) == bool(options.patches):
         raise ToktError("give either --mission DIR or --patches DIR")
-    if options.patches and options.are_stated:
+    if options.patches and (options.are_stated or options.sharp_frames):
         raise ToktError(
             "--patches has its labels in its folder names; --labels, --frames, --rate, "
-            "--stopping-distance, --calibration and --log go with --mission"
+            "--stopping-distance, --calibration, --log and --sharp-frames go with --mission"
         )
     workspace = Path(options.workspace)
     classes, wanted = load_taxonomy(workspace, *paths(options.taxonomy)), options.numbers
     bundle = load_model(options.model, workspace)
     if options.fixed_boundary:
         bundle = bundle.with_fixed_boundary()
+    if options.sharp_frames:
+        sharp = open_mission(Path(options.sharp_frames))
+        bundle = bundle.with_sight(measure_sharp_frames(sharp))
     if options.patches:
         figures = evaluate_patches(bundle, Path(options.patches), classes, progress)
     else:

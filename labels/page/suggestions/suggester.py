@@ -21,7 +21,7 @@ from tokt.labels.page.masks import covered_frame
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.frame_sizes import size_fault
 from tokt.models.linear import LinearModel
-from tokt.models.sight import SightLimits
+from tokt.models.sight import SightLimits, sight_to_json
 
 from .suggestion_table import (
     FrameSuggestions,
@@ -154,7 +154,9 @@ class Suggester:
     def _load(self) -> None:
         self._saved, self._saved_at = 0, time.monotonic()
         masks = json.dumps(self._masks.to_json()) if self._masks else ""
-        self._key = f"{self.bundle.sha256} {mission_stamp(self._mission)}{masks}"
+        # A model may run with the sight of another camera.
+        sight = hashlib.sha256(json.dumps(sight_to_json(self.bundle.sight)).encode()).hexdigest()
+        self._key = f"{self.bundle.sha256} {sight} {mission_stamp(self._mission)}{masks}"
         with self._lock:
             # What a page asked for meanwhile is in the file or will be computed again.
             if self._table.load(self._file, self._key):

@@ -17,7 +17,7 @@ _HEADINGS = {
     "label.model label.calibration",
     "File": "file_format mission_dir classes full",
     "Dataset": "task block",
-    "Model": "extractor preset name fixed_boundary",
+    "Model": "extractor preset name fixed_boundary sharp_frames",
     "Images": "ocean other",
     "Learning": "weight max_samples class_weight changes",
     "Cross-validation": "folds embargo split site stress draws",

@@ -110,7 +110,7 @@ def label(
             raise ToktError("--token and --no-token exclude each other")
         patches = Grid.parse(grid)
         frames = open_mission(mission)
-        bundle = _suggesting(model, frames, patches, workspace)
+        bundle = _as_people_see(_suggesting(model, frames, patches, workspace), frames)
         carry = None
         if calibration is not None:
             from tokt.inference.stereo.carried_labels import LabelCarrier
@@ -174,6 +174,19 @@ def _suggesting(model: str | None, frames: Mission, grid: Grid, workspace: Path)
         say(f"no suggestions: model {bundle.label} has the grid {bundle.grid}")
         return None
     return bundle
+
+
+def _as_people_see(bundle: Bundle | None, frames: Mission) -> Bundle | None:
+    """Let a model of other cameras take these frames for sharp: who labels looks at each."""
+    from tokt.inference.sharp_frames import is_other_camera, measure_sharp_frames
+
+    if bundle is None or not bundle.sight or not is_other_camera(bundle.sight, frames):
+        return bundle
+    say(
+        f"note: model {bundle.label} learnt no camera like this one. The page takes the frames of "
+        f"{frames.name} for sharp; tokt run does so with --sharp-frames"
+    )
+    return bundle.with_sight(measure_sharp_frames(frames, accept_blind=True))
 
 
 def _user() -> str:

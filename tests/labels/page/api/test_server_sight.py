@@ -1,9 +1,14 @@
 """Patches that are not seen, through the page's server: told why, never suggested as clear."""
 
 import shutil
+from dataclasses import replace
 
 import cv2
+import numpy as np
 import pytest
+
+from tokt.models.bundle.bundle import bundle_bytes, read_bundle
+from tokt.models.sight import measure_sight
 
 DARK, BLURRED = 11, 8  # frames
 LEFT = {10 * row + col for row in range(10) for col in range(5)}
@@ -66,6 +71,22 @@ def test_without_a_model_only_what_needs_no_numbers_is_told(page_server, dive):
     server = page_server("--annotator", "anna", mission=dive)
     assert unseen(server, DARK) == {cell: "dark" for cell in LEFT if cell < 50}
     assert unseen(server, BLURRED) == {}
+
+
+def test_frames_of_a_camera_that_a_model_did_not_learn_are_taken_for_sharp(
+    page_server, tiny, tiny_bundle, tmp_path
+):
+    """Who labels looks at each; else such a model would suggest clear nowhere."""
+    rng = np.random.default_rng(0)
+    noisy = [rng.normal(90, 9, (480, 640)).astype(np.uint8) for _ in range(2)]
+    content = read_bundle(tiny_bundle).content
+    (tmp_path / "other.tokt").write_bytes(
+        bundle_bytes(replace(content, sight=measure_sight(noisy)))
+    )
+    server = page_server("--annotator", "anna", "--model", tmp_path / "other.tokt")
+    assert unseen(server, 1) == {} and None not in suggested(server, 1)[1]
+    obstacle, _ = suggested(server, 1)
+    assert False in obstacle
 
 
 def test_another_grid_gets_the_cause_of_the_patch_that_its_middle_lies_in(page_server, dive):

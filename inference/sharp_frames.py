@@ -1,0 +1,80 @@
+"""Sight of a camera that a model did not learn, from frames that a person knows to be sharp.
+
+A picture alone does not say whether its camera gives no more detail or its port is fogged. Whoever
+has looked at some frames can tell, and no labels are needed for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import tee
+
+from tokt.features.common.arrays import U8
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import Mission
+from tokt.features.frames.view_mask import ViewMask
+from tokt.inference.reason import Reason
+from tokt.inference.sight import SightMeter
+from tokt.inference.sources.files import read_picture
+from tokt.models.sight import SightLimits, measure_sight
+
+MAX_FRAMES = 60
+"""Frames that are measured of each camera, evenly spread: as many as training takes."""
+
+
+def measure_sharp_frames(
+    mission: Mission, pixel_format: str | None = None, *, accept_blind: bool = False
+) -> tuple[SightLimits, ...]:
+    """Measure what sharp frames of a camera show at least.
+
+    Parameters
+    ----------
+    mission : Mission
+        A folder of frames or a video, with its mask.
+    pixel_format : str, optional
+        How images hold a camera's raw pixels, as for `MissionSource`.
+    accept_blind : bool, optional
+        Whether frames are taken that show no finer detail than blurred ones.
+
+    Raises
+    ------
+    ToktError
+        If no frame can be read, or they are blind and that is not accepted.
+    """
+    pictures, masks = tee(_some_pictures(mission, pixel_format))
+    limits = measure_sight((picture for picture, _ in pictures), (mask for _, mask in masks))
+    if not limits:
+        raise ToktError(f"{mission.name}: no frame can be read that is large enough for patches")
+    blind = [one for one in limits if one.blind]
+    if blind and not accept_blind:
+        size = f"{blind[0].width}x{blind[0].height}"
+        raise ToktError(
+            f"{mission.name}: its {size} frames show no finer detail than blurred ones, as in "
+            "compressed video. Name sharper frames of this camera, or use --accept-blind"
+        )
+    return limits
+
+
+def is_other_camera(limits: Sequence[SightLimits], mission: Mission) -> bool:
+    """Tell whether most frames of a mission show less than limits that a model learnt allow."""
+    meter = SightMeter(limits)
+    faults = [
+        meter.measure(picture, mask).fault for picture, mask in _some_pictures(mission, most=10)
+    ]
+    hidden = [bool(fault) and fault.reason not in _UNLIT for fault in faults]
+    return sum(hidden) > len(hidden) / 2
+
+
+_UNLIT = Reason.DARK, Reason.SATURATED
+
+
+def _some_pictures(
+    mission: Mission, pixel_format: str | None = None, most: int = MAX_FRAMES
+) -> Iterator[tuple[U8, ViewMask | None]]:
+    """Read pictures of each camera, covered where they have a mask, one at a time."""
+    for camera in mission.cameras:
+        mask, numbers = mission.masks.of(camera), mission.frames(camera)
+        for number in numbers[:: max(len(numbers) // most, 1)]:
+            picture, _ = read_picture(mission, number, camera, pixel_format)
+            if picture is not None:
+                yield picture if mask is None else mask.cover(picture), mask

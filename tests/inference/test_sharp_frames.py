@@ -1,0 +1,178 @@
+"""A camera that the model did not learn: unknown with what to do, or clear by its sharp frames."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.calls import refused, succeeds
+from tests.inference.logged_runs import lines
+from tokt.features.frames.mission import open_mission
+from tokt.features.frames.view_mask import CameraMasks, ViewMask, write_masks
+from tokt.inference.frame import Frame
+from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE
+from tokt.inference.sharp_frames import is_other_camera, measure_sharp_frames
+from tokt.inference.sight import SightMeter
+from tokt.models.bundle.bundle import bundle_bytes, read_bundle
+from tokt.models.sight import limits_for, measure_sight
+
+
+def noisy(height, width):
+    """Pictures of a camera with much noise."""
+    rng = np.random.default_rng(0)
+    return [rng.normal(90, 9, (height, width)).astype(np.uint8) for _ in range(2)]
+
+
+@pytest.fixture(scope="module")
+def model(tiny_bundle, tmp_path_factory):
+    """A model that learnt the tiny mission from another camera, one with finer detail."""
+    content = read_bundle(tiny_bundle).content
+    path = tmp_path_factory.mktemp("other") / "other.tokt"
+    path.write_bytes(bundle_bytes(replace(content, sight=measure_sight(noisy(480, 640)))))
+    return path
+
+
+@pytest.fixture(scope="module")
+def dive(tiny):
+    return tiny.path
+
+
+@pytest.fixture
+def sharp(dive, tmp_path):
+    """A folder with some of its frames, as somebody puts it together."""
+    (tmp_path / "sharp").mkdir()
+    for path in sorted((dive / "Left").glob("*.png"))[:6]:
+        shutil.copy(path, tmp_path / "sharp")
+    return tmp_path / "sharp"
+
+
+def run(tmp_path, dive, bundle, *options):
+    """What the runtime says of the frames that show no obstacle: status, reason and health."""
+    log = tmp_path / "run.jsonl"
+    log.unlink(missing_ok=True)
+    succeeds("run", "--bundle", bundle, "--source", dive, "--log", log, *options)
+    return [line for line in lines(log) if line["status"] != 1]
+
+
+def test_of_a_camera_that_it_did_not_learn_a_model_says_why_nothing_is_clear(tmp_path, dive, model):
+    found = run(tmp_path, dive, model)
+    assert found and {line["status"] for line in found} == {-1}
+    for line in found:
+        assert "compared with 640x480 frames" in line["health"]
+        assert "learnt from none of 360x272 (--sharp-frames)" in line["health"]
+
+
+def test_with_sharp_frames_of_the_camera_it_says_clear_and_tells_a_fogged_port(
+    tmp_path, dive, sharp, model
+):
+    before = run(tmp_path, dive, model)
+    found = run(tmp_path, dive, model, "--sharp-frames", sharp)
+    assert len(found) == len(before)
+    assert {line["status"] for line in found} == {0}
+    assert {line["reason"] for line in found} == {"ok"}
+    fogged = tmp_path / "fogged/Left"
+    fogged.mkdir(parents=True)
+    for path in (dive / "Left").glob("*.png"):
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(fogged / path.name), cv2.GaussianBlur(picture, (0, 0), 5))
+    run(tmp_path, fogged.parent, model, "--sharp-frames", sharp)
+    for line in lines(tmp_path / "run.jsonl"):
+        assert line["status"] != 0 and line["reason"] == "blurred"
+        assert "--sharp-frames" not in line["health"]
+
+
+def test_a_replay_knows_what_they_showed_when_they_are_gone(tmp_path, dive, sharp, model):
+    run(tmp_path, dive, model, "--sharp-frames", sharp, "--log-values")
+    shutil.rmtree(sharp)
+    said = succeeds("replay", tmp_path / "run.jsonl", "--source", dive, "--bundle", model)
+    assert "the same" in said.out + said.err
+    assert lines(tmp_path / "run.events.jsonl")[0]["sight"]["sizes"][0]["width"] == 360
+
+
+def test_a_challenger_knows_them_too(tmp_path, dive, sharp, model):
+    shadow = tmp_path / "shadow.jsonl"
+    options = "--shadow", model, "--shadow-log", shadow, "--sharp-frames", sharp
+    found = run(tmp_path, dive, model, *options)
+    told = [line["challenger"]["status"] for line in lines(shadow) if "frame" in line]
+    assert told.count(0) == len(found)
+
+
+def test_frames_that_are_blurred_themselves_are_refused(tmp_path, sharp, model):
+    for path in sharp.glob("*.png"):
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(path), cv2.GaussianBlur(picture, (0, 0), 5))
+    command = "run", "--bundle", model, "--source", sharp, "--sharp-frames", sharp
+    assert "Name sharper frames" in refused("no finer detail than blurred", *command)
+    succeeds(*command, "--accept-blind")
+
+
+def test_frames_that_are_not_there_or_too_small_are_refused(tmp_path, sharp, model):
+    command = "run", "--bundle", model, "--source", sharp, "--sharp-frames"
+    refused("nowhere", *command, tmp_path / "nowhere")
+    (tmp_path / "small").mkdir()
+    cv2.imwrite(str(tmp_path / "small/a_1.png"), cv2.imread(str(next(sharp.glob("*"))))[:9, :9])
+    refused("no frame can be read that is large enough", *command, tmp_path / "small")
+
+
+def test_a_run_that_its_watchdog_starts_again_does_without_them(tmp_path, dive, model, monkeypatch):
+    monkeypatch.setenv(RESTARTS_VARIABLE, "1")
+    found = run(tmp_path, dive, model, "--sharp-frames", tmp_path / "gone")
+    assert {line["status"] for line in found} == {-1}
+    assert all("--sharp-frames: " in line["health"] for line in found)
+
+
+def test_one_frame_that_cannot_be_read_costs_no_other(dive, sharp):
+    whole = measure_sharp_frames(open_mission(sharp))
+    first = min(sharp.glob("*.png"))
+    shutil.copy(first, sharp / "tiny_L_99.png")
+    (sharp / "tiny_L_99.png").write_bytes(first.read_bytes()[:100])
+    assert measure_sharp_frames(open_mission(sharp)) == whole
+
+
+def test_evaluate_takes_them_too(tmp_path, tiny, dive, sharp, model):
+    command = "evaluate", model, "--mission", f"tiny={dive}", "--labels", tiny.labels
+    command = *command, "--workspace", tmp_path / ".tokt", "--json"
+
+    def unknown(*options):
+        return json.loads(succeeds(*command, *options).out)["frames"]["unknown"]
+
+    assert unknown() > unknown("--sharp-frames", sharp) == 0
+    refused("go with --mission", "evaluate", model, "--patches", sharp, "--sharp-frames", dive)
+
+
+def test_the_size_itself_comes_before_a_near_width():
+    pictures = [cv2.resize(draw, (360, 300)) for draw in noisy(272, 360)]
+    both = measure_sight([*noisy(272, 360), *pictures])
+    assert {(one.height, one.width) for one in both} == {(272, 360), (300, 360)}
+    for one in both:
+        assert limits_for(both, one.height, one.width) is one
+    assert limits_for(both, 500, 700) in both and limits_for((), 1, 1) is None
+
+
+def test_most_frames_tell_another_camera(dive, model):
+    mission = open_mission(dive)
+    assert is_other_camera(read_bundle(model).sight, mission)
+    assert not is_other_camera(measure_sharp_frames(mission), mission)
+
+
+def test_what_needs_no_limits_is_not_said_to_need_frames(dive, model):
+    meter = SightMeter(read_bundle(model).sight)
+    picture = cv2.imread(str(next((dive / "Left").glob("*.png"))), cv2.IMREAD_GRAYSCALE)
+    dark = meter.of(Frame(1, 0.0, picture // 50, None)).fault
+    assert dark and "--sharp-frames" not in dark
+
+
+def test_the_mask_beside_sharp_frames_is_theirs(sharp):
+    whole = measure_sharp_frames(open_mission(sharp))
+    for path in sharp.glob("*.png"):
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        picture[:136, :180] = 90
+        cv2.imwrite(str(path), picture)
+    flat = measure_sharp_frames(open_mission(sharp), accept_blind=True)
+    assert max(flat[0].limits) > max(whole[0].limits) + 1
+    write_masks(sharp, CameraMasks(left=ViewMask(((0.0, 0.0, 0.5, 0.5),))))
+    masked = measure_sharp_frames(open_mission(sharp))
+    assert max(masked[0].limits) < max(whole[0].limits) + 0.5
