@@ -201,7 +201,7 @@ class ModelConfig:
     shadow: Path | None = option(
         None,
         "Another model that judges the same frames and sends nothing; needs --shadow-log.",
-        "FILE|STORE",
+        "FILE|STORE|waters",
         needs=("shadow_log",),
     )
     shadow_log: Path | None = option(None, "Log of that model, for tokt shadow.", needs=("shadow",))

@@ -47,6 +47,7 @@ from tokt.inference.stereo.odometry import Odometry, load_odometry
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import STATUS_WORDS, TEXTURE, status_table
 from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.pretrained.packaged import is_packaged, packaged_bundle
 from tokt.models.sight import sight_from_json
 from tokt.models.store.store import Store
 
@@ -391,10 +392,12 @@ def models_of_run(run: LoggedRun, store: Path | None = None) -> dict[str, Bundle
 
 
 def model_named(place: Path) -> Bundle:
-    """The model of a bundle file, or the active one of a store.
+    """Read the model of a bundle file, the active one of a store, or one that comes with tokt.
 
-    ToktError if there is none, or it fails its checks.
+    Raises ToktError if there is none, or it fails its checks.
     """
+    if is_packaged(place):
+        return read_bundle(packaged_bundle(str(place)))
     return Store(place).active() if place.is_dir() else read_bundle(place)
 
 

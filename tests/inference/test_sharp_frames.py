@@ -92,9 +92,17 @@ def test_a_replay_knows_what_they_showed_when_they_are_gone(tmp_path, dive, shar
     assert lines(tmp_path / "run.events.jsonl")[0]["sight"]["sizes"][0]["width"] == 360
 
 
-def test_a_challenger_knows_them_too(tmp_path, dive, sharp, model):
+@pytest.mark.parametrize("packaged", [False, True])
+def test_a_challenger_knows_them_too(tmp_path, dive, sharp, model, packaged):
     shadow = tmp_path / "shadow.jsonl"
-    options = "--shadow", model, "--shadow-log", shadow, "--sharp-frames", sharp
+    options = (
+        "--shadow",
+        "waters" if packaged else model,
+        "--shadow-log",
+        shadow,
+        "--sharp-frames",
+        sharp,
+    )
     found = run(tmp_path, dive, model, *options)
     told = [line["challenger"]["status"] for line in lines(shadow) if "frame" in line]
     assert told.count(0) == len(found)

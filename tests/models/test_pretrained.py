@@ -96,3 +96,8 @@ def test_adapt_asks_for_labels_first(dive, tmp_path):
         "label 5 to 10 of its frames: tokt label",
         *("adapt", "waters", "--mission", dive, "--workspace", tmp_path / ".tokt"),
     )
+
+
+def test_what_it_held_out_no_registry_knows(trained):
+    command = "compare", "waters", "tiny-lbp", "--workspace", trained
+    assert "give --mission DIR" in refused("waters is not of this workspace's registry", *command)

@@ -13,8 +13,9 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.view_mask import CameraMasks, masks_by_mission
 from tokt.inference.texture.detector import min_mask_patches
-from tokt.models.bundle.bundle import SUFFIX, Bundle, read_bundle
+from tokt.models.bundle.bundle import Bundle
 from tokt.models.operating_point import MofNRule
+from tokt.models.registry.load import is_registered_name, load_model
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import (
     FRAME_KEY,
@@ -33,9 +34,9 @@ _ASK = "give --mission DIR and --labels CSV of a dive that neither learnt from"
 
 def _registered(reference: str, registry: Registry) -> str:
     """``name/version`` in the registry; also of a bundle file that was exported from it."""
-    if not reference.endswith(SUFFIX):
+    if is_registered_name(reference):
         return registry.find(reference).label
-    bundle = read_bundle(reference)
+    bundle = load_model(reference)
     run = bundle.content.provenance.get("mlflow_run_id")
     for version in registry.versions(bundle.name):
         if version.version == bundle.version and version.run_id == run:
