@@ -105,7 +105,7 @@ def test_a_challenger_knows_them_too(tmp_path, dive, sharp, model, packaged):
     )
     found = run(tmp_path, dive, model, *options)
     told = [line["challenger"]["status"] for line in lines(shadow) if "frame" in line]
-    assert told.count(0) == len(found)
+    assert told.count(0) >= len(found) and -1 not in told
 
 
 def test_frames_that_are_blurred_themselves_are_refused(tmp_path, sharp, model):
