@@ -186,7 +186,8 @@ class ModelConfig:
     sharp_frames: Path | None = option(
         None,
         "Folder or video of frames that you know to be sharp, of a camera that the model did not "
-        "learn. Clear is then also said of views that show as much detail as these.",
+        "learn. They are this camera's, of the same size; some twenty are best, of clear water. "
+        "Clear is then said of views that show as much detail as these.",
         "FRAMES",
         only=MODELS,
     )

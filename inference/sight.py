@@ -78,8 +78,8 @@ FLAT_GREY = 0.02
 
 _MASKED = CAUSES.index(MASKED)
 _NO_PICTURE = [CAUSES.index(cause) for cause in (DARK, SATURATED, FLAT)]
-_WITHOUT_LIMITS = DARK, SATURATED
-_UNLIT = [CAUSES.index(cause) for cause in _WITHOUT_LIMITS]
+_UNLIT = [CAUSES.index(cause) for cause in (DARK, SATURATED)]
+_BY_LIMITS = SMEARED, BLURRED, DAMAGED
 _NOISE = [MEASURES.index(name) for name in ("noise_across", "noise_down")]
 _COARSE = MEASURES.index("coarse")
 
@@ -147,7 +147,7 @@ class SightMap:
         count, of = int(self._unseen.sum()), int((~self.masked).sum())
         words = f"{count} of {of} patches are not seen, {blind.patches} of them together"
         words = f"{blind.cause}: {words}, {_place(blind, rows, cols)}"
-        if blind.cause not in _WITHOUT_LIMITS:
+        if blind.cause in _BY_LIMITS:
             words += self.unlearnt
         return Fault(_REASONS[blind.cause], words)
 
@@ -277,14 +277,17 @@ class SightMeter:
         height, width = picture.shape[:2]
         learnt = limits_for(self.limits, height, width)
         causes = _causes(detail, learnt or self._otherwise)
-        if masked is not None:
-            causes[masked] = _MASKED
         unlearnt = ""
         if learnt is not None and (learnt.height, learnt.width) != (height, width):
+            # Limits of another camera do not prove that there is no picture at all.
+            flat = causes == CAUSES.index(FLAT)
+            causes[flat & (detail.difference >= FLAT_GREY)] = CAUSES.index(DAMAGED)
             unlearnt = (
-                f"; compared with {learnt.width}x{learnt.height} frames, as the model learnt from "
-                f"none of {width}x{height} (--sharp-frames)"
+                f"; compared with {learnt.width}x{learnt.height} frames, as none of "
+                f"{width}x{height} were learnt (--sharp-frames)"
             )
+        if masked is not None:
+            causes[masked] = _MASKED
         return SightMap(causes, unlearnt=unlearnt), detail.visible_contrast
 
     def _with_visibility(

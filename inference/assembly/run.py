@@ -19,7 +19,7 @@ from typing import Any
 from tokt.features.common.address import without_credentials
 from tokt.features.common.errors import ToktError, counted
 from tokt.features.common.terminal import print_json, real_stderr, say, stop_on_signal
-from tokt.features.frames.mission import parse_frames
+from tokt.features.frames.mission import frame_size, parse_frames
 from tokt.features.frames.view_mask import CameraMasks, joined, parse_masks
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import RunConfig, SourceConfig, StereoConfig
@@ -99,16 +99,14 @@ def run(config: RunConfig) -> Summary:
         vehicle = VehicleState(SYSTEM_CLOCK)
         senders = open_senders(config, pairs, vehicle, events, opened)
         nmea_fault = read_nmea(config.source, vehicle, opened)
-        model = RunModel(config.model, config.source.pixel_format)
+        model = RunModel(config, lambda bundle: _masks(config.source, source, bundle))
         size = config.policy.anchor
         assembly = assemble(
             *(config.policy.policy, model.loader, pairs, config.model.threads),
             anchor=None if size is None else Anchor(size),
             moving=config.policy.moving,
         )
-        if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
-            label = model.bundle.label
-            raise ToktError(f"model {label} looks at colours: not with --pixel-format Mono8")
+        _check_pictures(config, model, source)
         if assembly.texture is not None:
             assembly.texture.note = model.note
         naming = _naming(config, source, assembly)
@@ -135,6 +133,7 @@ def run(config: RunConfig) -> Summary:
                 source.stop()
 
         masks = _masks(config.source, source, model.bundle)
+        _say_masks(masks, config.source, source, model.bundle)
         runtime = Runtime(
             *(source, assembly.policy, list(senders.values()), SYSTEM_CLOCK),
             observers=looking.observers,
@@ -209,20 +208,52 @@ def _source(
 
 
 def _masks(wanted: SourceConfig, source: Source, model: Bundle | None) -> CameraMasks:
-    """What is no view in a run, and words about it; ToktError if that cannot be meant."""
-    learnt = () if model is None else model.masks
-    beside = source.mission.masks if isinstance(source, MissionSource) else CameraMasks()
-    masks = beside if wanted.mask is None else parse_masks(wanted.mask, learnt)
+    """Find what is no view in a run; raise ToktError if the options cannot be meant."""
+    if wanted.mask is not None:
+        return parse_masks(wanted.mask, () if model is None else model.masks)
+    return _masks_beside(source)
+
+
+def _masks_beside(source: Source) -> CameraMasks:
+    return source.mission.masks if isinstance(source, MissionSource) else CameraMasks()
+
+
+def _say_masks(
+    masks: CameraMasks, wanted: SourceConfig, source: Source, model: Bundle | None
+) -> None:
+    """Say what is no view in a run, and where that is not what one would expect."""
+    beside = _masks_beside(source)
     if masks:
         say(masks.words())
     if beside and masks != beside:
         say("note: the mask beside the frames is not used: --mask says another one")
-    if learnt and not masks and wanted.mask is None and model is not None:
+    if model is not None and model.masks and not masks and wanted.mask is None:
         say(
             f"WARNING: model {model.label} learnt from pictures with a mask, and this run has "
-            f"none ({joined(learnt).words()}). Use it with --mask model, or say --mask none"
+            f"none ({joined(model.masks).words()}). Use it with --mask model, or say --mask none"
         )
-    return masks
+
+
+def _check_pictures(config: RunConfig, model: RunModel, source: Source) -> None:
+    """Raise ToktError if a model cannot judge the pictures of a source.
+
+    Or if recorded frames have another size than those that the options call sharp.
+    """
+    if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
+        label = model.bundle.label
+        raise ToktError(f"model {label} looks at colours: not with --pixel-format Mono8")
+    sight = model.sight
+    if not sight or not isinstance(source, MissionSource):
+        return
+    try:
+        width, height = frame_size(source.mission)
+    except ToktError:
+        return  # there is no frame to judge
+    if (height, width) not in {(one.height, one.width) for one in sight}:
+        raise ToktError(
+            f"--sharp-frames has {sight[0].width}x{sight[0].height} frames, and the source's are "
+            f"{width}x{height}: name frames of the same camera, of the same size"
+        )
 
 
 def _start_event(config: RunConfig, model: RunModel, source: Source, masks: CameraMasks) -> Event:

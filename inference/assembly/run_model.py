@@ -7,9 +7,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.frames.view_mask import CameraMasks
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.config import ModelConfig, RunConfig
+from tokt.inference.config import RunConfig
 from tokt.inference.monitoring.drift import DriftMonitor
 from tokt.inference.monitoring.reload import ModelReloader
 from tokt.inference.monitoring.watchdog import restarts
@@ -27,24 +28,27 @@ if TYPE_CHECKING:
 class RunModel:
     """The model a run begins with."""
 
-    def __init__(self, wanted: ModelConfig, pixel_format: str | None = None) -> None:
+    def __init__(self, config: RunConfig, masks_of: Callable[[Bundle], CameraMasks]) -> None:
         self.bundle: Bundle | None = None  # it, once loaded
         self.fault = ""  # why it could not be loaded
         self.notes: list[str] = []  # why it is not the store's active one
         self.sight: tuple[SightLimits, ...] = ()  # of the frames that the options call sharp
         self.sight_fault = ""  # why it has none, though they do
-        self._wanted = wanted
-        if wanted.sharp_frames is not None:
-            self._measure_sight(wanted.sharp_frames, pixel_format)
+        self._wanted, self._pixel_format = config.model, config.source.pixel_format
+        self._masks_of = masks_of  # what is no view in a run of a model
 
-    def _measure_sight(self, place: Path, pixel_format: str | None) -> None:
+    def _measure_sight(self, place: Path, bundle: Bundle) -> None:
         # Imported where it is asked for: a runtime without is started sooner.
         from tokt.features.frames.mission import open_mission
         from tokt.inference.sharp_frames import measure_sharp_frames
 
-        blind = self._wanted.accept_blind
+        masks, blind = self._masks_of(bundle), self._wanted.accept_blind
         try:
-            self.sight = measure_sharp_frames(open_mission(place), pixel_format, accept_blind=blind)
+            with os_errors_as(f"cannot read {place}"):
+                mission = open_mission(place)
+                self.sight = measure_sharp_frames(
+                    mission, masks, self._pixel_format, accept_blind=blind
+                )
         except ToktError as error:
             # Started again by its watchdog it still has to warn: only clear needs these frames.
             if not restarts():
@@ -66,13 +70,19 @@ class RunModel:
             else:
                 assert self._wanted.store is not None
                 found, self.notes = load_running(Store(self._wanted.store))
+            if self._wanted.sharp_frames is not None:
+                self._measure_sight(self._wanted.sharp_frames, found)
             running = self.as_it_runs(found)
-            running.check_sight(self._wanted.accept_blind)
+            self.check_sight(running)
         except ToktError as error:
             self.fault = str(error)
             raise
         self.bundle = running
         return self.bundle
+
+    def check_sight(self, running: Bundle) -> None:
+        """Raise ToktError if a model may call clear what shows nothing, unless that is accepted."""
+        running.check_sight(self._wanted.accept_blind or bool(self.sight_fault))
 
     def as_it_runs(self, bundle: Bundle) -> Bundle:
         """Return a model with its boundary and its sight as the options want them."""
@@ -119,7 +129,7 @@ def open_model_watch(
 
     def misfit(bundle: Bundle, frame: Frame | None = None) -> str:
         try:
-            model.as_it_runs(bundle).check_sight(config.model.accept_blind)
+            model.check_sight(model.as_it_runs(bundle))
         except ToktError as error:
             return str(error)
         return assembly.misfit(bundle, frame)

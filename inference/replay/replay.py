@@ -396,7 +396,7 @@ def model_named(place: Path) -> Bundle:
 
     Raises ToktError if there is none, or it fails its checks.
     """
-    if is_packaged(place):
+    if is_packaged(place) and not place.exists():
         return read_bundle(packaged_bundle(str(place)))
     return Store(place).active() if place.is_dir() else read_bundle(place)
 

@@ -64,7 +64,7 @@ from tokt.models.frame_sizes import Size
 from tokt.models.linear import LinearModel, moved
 from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
-from tokt.models.sight import SightLimits, blindness, joined_sight, sight_from_json, sight_to_json
+from tokt.models.sight import SightLimits, blindness, sight_from_json, sight_to_json
 from tokt.models.water import WaterState
 
 from .signature import MEMBER as SIGNATURE
@@ -177,11 +177,14 @@ class Bundle(BundleContent):
         return replace(self, operating_point=replace(self.operating_point, water=None))
 
     def with_sight(self, measured: Sequence[SightLimits]) -> Self:
-        """Return the same model, which also says clear of what frames with these limits show.
+        """Return the same model for a camera with these limits; its file and hash stay.
 
-        Its file and hash stay those it has.
+        Limits of other sizes stay, too. Those of the same size are another camera's: pictures may
+        pass the higher limits of both that pass neither's own.
         """
-        return replace(self, sight=joined_sight(self.sight, measured))
+        sizes = {(one.height, one.width) for one in measured}
+        others = [one for one in self.sight if (one.height, one.width) not in sizes]
+        return replace(self, sight=(*others, *measured))
 
     @property
     def label(self) -> str:

@@ -3,18 +3,20 @@
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from tests.calls import refused, succeeds
+from tests.calls import refused, refuses, succeeds
 from tests.inference.logged_runs import lines
 from tokt.features.frames.mission import open_mission
 from tokt.features.frames.view_mask import CameraMasks, ViewMask, write_masks
 from tokt.inference.frame import Frame
 from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE
-from tokt.inference.sharp_frames import is_other_camera, measure_sharp_frames
+from tokt.inference.replay.replay import model_named
+from tokt.inference.sharp_frames import MAX_FRAMES, are_mostly_hidden, measure_sharp_frames
 from tokt.inference.sight import SightMeter
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.sight import limits_for, measure_sight
@@ -52,7 +54,8 @@ def sharp(dive, tmp_path):
 def run(tmp_path, dive, bundle, *options):
     """What the runtime says of the frames that show no obstacle: status, reason and health."""
     log = tmp_path / "run.jsonl"
-    log.unlink(missing_ok=True)
+    for path in (log, tmp_path / "run.events.jsonl"):
+        path.unlink(missing_ok=True)
     succeeds("run", "--bundle", bundle, "--source", dive, "--log", log, *options)
     return [line for line in lines(log) if line["status"] != 1]
 
@@ -62,7 +65,7 @@ def test_of_a_camera_that_it_did_not_learn_a_model_says_why_nothing_is_clear(tmp
     assert found and {line["status"] for line in found} == {-1}
     for line in found:
         assert "compared with 640x480 frames" in line["health"]
-        assert "learnt from none of 360x272 (--sharp-frames)" in line["health"]
+        assert "as none of 360x272 were learnt (--sharp-frames)" in line["health"]
 
 
 def test_with_sharp_frames_of_the_camera_it_says_clear_and_tells_a_fogged_port(
@@ -79,7 +82,9 @@ def test_with_sharp_frames_of_the_camera_it_says_clear_and_tells_a_fogged_port(
         picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         cv2.imwrite(str(fogged / path.name), cv2.GaussianBlur(picture, (0, 0), 5))
     run(tmp_path, fogged.parent, model, "--sharp-frames", sharp)
-    for line in lines(tmp_path / "run.jsonl"):
+    judged = lines(tmp_path / "run.jsonl")
+    assert len(judged) == len(open_mission(dive).frames())
+    for line in judged:
         assert line["status"] != 0 and line["reason"] == "blurred"
         assert "--sharp-frames" not in line["health"]
 
@@ -106,6 +111,84 @@ def test_a_challenger_knows_them_too(tmp_path, dive, sharp, model, packaged):
     found = run(tmp_path, dive, model, *options)
     told = [line["challenger"]["status"] for line in lines(shadow) if "frame" in line]
     assert told.count(0) >= len(found) and -1 not in told
+    assert packaged or told.count(0) == len(found) < len(told)
+
+
+def test_a_store_that_is_called_like_the_packaged_model_is_meant(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "waters").mkdir()
+    refuses("waters", model_named, Path("waters"))
+
+
+def test_limits_of_the_same_size_are_taken_for_those_of_another_camera(dive, sharp, model):
+    """What is a little above each of two cameras' limits would pass the higher ones of both."""
+    mission = open_mission(sharp)
+    measured = measure_sharp_frames(mission)
+    known = [replace(measured[0], limits=(99.0,) * 9), *measure_sight(noisy(480, 640))]
+    bundle = replace(read_bundle(model), sight=tuple(known)).with_sight(measured)
+    assert set(bundle.sight) == {known[1], *measured}
+
+
+def test_the_mask_of_the_run_is_that_of_the_sharp_frames(tmp_path, dive, sharp, model):
+    def limits(*options):
+        run(tmp_path, dive, model, "--sharp-frames", sharp, *options)
+        return lines(tmp_path / "run.events.jsonl")[0]["sight"]["sizes"][0]
+
+    whole = limits()
+    for path in sharp.glob("*.png"):
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        picture[:68] = 0  # a clock's background
+        cv2.imwrite(str(path), picture)
+    assert limits("--accept-blind")["darkest"] == 0
+    masked = limits("--mask", "0,0,1,0.3")
+    assert masked["darkest"] == pytest.approx(whole["darkest"], rel=0.2)
+
+
+def test_frames_of_another_size_than_the_source_s_are_refused(tmp_path, dive, model):
+    (tmp_path / "other").mkdir()
+    for number, picture in enumerate(noisy(480, 640), 1):
+        cv2.imwrite(str(tmp_path / f"other/o_{number}.png"), picture)
+    command = "run", "--bundle", model, "--source", dive, "--sharp-frames", tmp_path / "other"
+    assert "640x480" in refused("the source's are 360x272", *command)
+
+
+def test_limits_of_another_camera_do_not_hide_an_obstacle(tmp_path, dive, model):
+    """As they do where a camera's own pictures prove that there is nothing but noise."""
+    bundle = read_bundle(model)
+    strict = replace(bundle.sight[0], limits=(-9.0,) * 9)
+    content = replace(bundle.content, sight=(strict,))
+    (tmp_path / "strict.tokt").write_bytes(bundle_bytes(content))
+    before = len(lines_with_an_obstacle(tmp_path, dive, model))
+    assert 0 < before == len(lines_with_an_obstacle(tmp_path, dive, tmp_path / "strict.tokt"))
+
+
+def lines_with_an_obstacle(tmp_path, dive, model):
+    run(tmp_path, dive, model)
+    return [line for line in lines(tmp_path / "run.jsonl") if line["status"] == 1]
+
+
+def test_raw_pixels_are_read_from_gray_frames_alone(sharp, dive):
+    gray = measure_sharp_frames(open_mission(sharp))
+    raw = measure_sharp_frames(open_mission(sharp), pixel_format="BayerRG8", accept_blind=True)
+    assert raw != gray
+    for path in sharp.glob("*.png"):
+        cv2.imwrite(str(path), cv2.imread(str(path)))
+    colour = measure_sharp_frames(open_mission(sharp), pixel_format="BayerRG8")
+    assert colour[0].limits == pytest.approx(gray[0].limits, abs=0.05)
+
+
+def test_some_frames_are_enough(dive, sharp, monkeypatch):
+    mission = open_mission(dive)
+    numbers = []
+    read = type(mission).read
+
+    def counted(self, frame, camera="left"):
+        numbers.append(frame)
+        return read(self, frame, camera)
+
+    monkeypatch.setattr(type(mission), "read", counted)
+    measure_sharp_frames(mission)
+    assert MAX_FRAMES / 2 < len(numbers) <= MAX_FRAMES < len(mission.frames())
 
 
 def test_frames_that_are_blurred_themselves_are_refused(tmp_path, sharp, model):
@@ -129,7 +212,6 @@ def test_a_run_that_its_watchdog_starts_again_does_without_them(tmp_path, dive, 
     monkeypatch.setenv(RESTARTS_VARIABLE, "1")
     found = run(tmp_path, dive, model, "--sharp-frames", tmp_path / "gone")
     assert {line["status"] for line in found} == {-1}
-    assert all("--sharp-frames: " in line["health"] for line in found)
 
 
 def test_one_frame_that_cannot_be_read_costs_no_other(dive, sharp):
@@ -157,13 +239,15 @@ def test_the_size_itself_comes_before_a_near_width():
     assert {(one.height, one.width) for one in both} == {(272, 360), (300, 360)}
     for one in both:
         assert limits_for(both, one.height, one.width) is one
-    assert limits_for(both, 500, 700) in both and limits_for((), 1, 1) is None
+    wider = measure_sight([*noisy(272, 360), *noisy(480, 640)])
+    assert limits_for(wider, 500, 450) is wider[0] and limits_for(wider, 272, 600) is wider[1]
+    assert limits_for((), 1, 1) is None
 
 
-def test_most_frames_tell_another_camera(dive, model):
+def test_most_frames_tell_another_camera_or_a_fogged_port(dive, model):
     mission = open_mission(dive)
-    assert is_other_camera(read_bundle(model).sight, mission)
-    assert not is_other_camera(measure_sharp_frames(mission), mission)
+    assert are_mostly_hidden(read_bundle(model).sight, mission)
+    assert not are_mostly_hidden(measure_sharp_frames(mission), mission)
 
 
 def test_what_needs_no_limits_is_not_said_to_need_frames(dive, model):

@@ -113,7 +113,7 @@ def evaluate(
         bundle = bundle.with_fixed_boundary()
     if options.sharp_frames:
         sharp = open_mission(Path(options.sharp_frames))
-        bundle = bundle.with_sight(measure_sharp_frames(sharp))
+        bundle = bundle.with_sight(measure_sharp_frames(sharp, accept_blind=True))
     if options.patches:
         figures = evaluate_patches(bundle, Path(options.patches), classes, progress)
     else:

@@ -19,6 +19,7 @@ from .options import (
     ModelArgument,
     PatchesOption,
     ReportOption,
+    SharpFramesOption,
     TaxonomyOption,
     WorkspaceOption,
     fields_of,
@@ -138,13 +139,7 @@ def evaluate(
     calibration: CalibrationOption = None,
     log: LogOption = None,
     fixed_boundary: FixedBoundaryOption = False,
-    sharp_frames: Annotated[
-        Path | None,
-        Option(
-            metavar="FRAMES",
-            help="Sharp frames of a camera that the model did not learn, as for tokt run.",
-        ),
-    ] = None,
+    sharp_frames: SharpFramesOption = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,

@@ -19,7 +19,7 @@ from tokt.labels.formats import NAMES
 
 from .help import Commands
 from .interrupts import interrupt_ends
-from .options import JsonOption, TaxonomyOption, WorkspaceOption
+from .options import JsonOption, SharpFramesOption, TaxonomyOption, WorkspaceOption
 from .output import answer, progress
 from .output import print_line as print
 
@@ -83,6 +83,7 @@ def label(
         Path | None,
         Option(help="Carry labels from the left camera to the right one by this calibration."),
     ] = None,
+    sharp_frames: SharpFramesOption = None,
     findings: Annotated[
         Path | None, Option(help="Review findings of this mission (.geojson of `tokt findings`).")
     ] = None,
@@ -110,7 +111,8 @@ def label(
             raise ToktError("--token and --no-token exclude each other")
         patches = Grid.parse(grid)
         frames = open_mission(mission)
-        bundle = _as_people_see(_suggesting(model, frames, patches, workspace), frames)
+        bundle = _suggesting(model, frames, patches, workspace)
+        bundle = _with_sharp_frames(bundle, frames, sharp_frames)
         carry = None
         if calibration is not None:
             from tokt.inference.stereo.carried_labels import LabelCarrier
@@ -176,15 +178,28 @@ def _suggesting(model: str | None, frames: Mission, grid: Grid, workspace: Path)
     return bundle
 
 
-def _as_people_see(bundle: Bundle | None, frames: Mission) -> Bundle | None:
-    """Let a model of other cameras take these frames for sharp: who labels looks at each."""
-    from tokt.inference.sharp_frames import is_other_camera, measure_sharp_frames
+def _with_sharp_frames(bundle: Bundle | None, frames: Mission, sharp: Path | None) -> Bundle | None:
+    """Let a model say clear of a camera that it did not learn: who labels looks at each frame."""
+    from tokt.features.frames.mission import frame_size, open_mission
+    from tokt.inference.sharp_frames import are_mostly_hidden, measure_sharp_frames
 
-    if bundle is None or not bundle.sight or not is_other_camera(bundle.sight, frames):
+    if bundle is None or not bundle.sight:
+        return bundle
+    if sharp is not None:
+        return bundle.with_sight(measure_sharp_frames(open_mission(sharp), accept_blind=True))
+    if not are_mostly_hidden(bundle.sight, frames):
+        return bundle
+    width, height = frame_size(frames)
+    if (height, width) in {(one.height, one.width) for one in bundle.sight}:
+        say(
+            f"note: most frames of {frames.name} show less detail than those that model "
+            f"{bundle.label} learnt. The port may be fogged. If it is another camera, name sharp "
+            "frames of it (--sharp-frames)"
+        )
         return bundle
     say(
-        f"note: model {bundle.label} learnt no camera like this one. The page takes the frames of "
-        f"{frames.name} for sharp; tokt run does so with --sharp-frames"
+        f"note: model {bundle.label} learnt from no frames of {width}x{height}: those of "
+        f"{frames.name} are taken for sharp. tokt run does so with --sharp-frames"
     )
     return bundle.with_sight(measure_sharp_frames(frames, accept_blind=True))
 

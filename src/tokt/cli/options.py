@@ -31,6 +31,13 @@ FixedBoundaryOption = Annotated[
         help="Keep the boundary between water and obstacles fixed from frame to frame.",
     ),
 ]
+SharpFramesOption = Annotated[
+    Path | None,
+    Option(
+        metavar="FRAMES",
+        help="Sharp frames of a camera that the model did not learn, as for tokt run.",
+    ),
+]
 FramesOption = Annotated[str | None, Option(help="Use these frames only, such as 1-99,132-246.")]
 MissionsOption = Annotated[
     list[Path] | None,

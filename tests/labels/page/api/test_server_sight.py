@@ -89,6 +89,20 @@ def test_frames_of_a_camera_that_a_model_did_not_learn_are_taken_for_sharp(
     assert False in obstacle
 
 
+def test_a_fogged_dive_of_the_model_s_own_camera_keeps_its_marks(
+    page_server, tiny, tiny_bundle, tmp_path
+):
+    folder = shutil.copytree(tiny.path, tmp_path / "tiny")
+    for path in (folder / "Left").glob("*.png"):
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(path), cv2.GaussianBlur(picture, (0, 0), 4))
+    model = "--annotator", "anna", "--model", tiny_bundle
+    server = page_server(*model, mission=folder)
+    assert len(unseen(server, 1)) > 50
+    told = page_server(*model, "--sharp-frames", folder, mission=folder)
+    assert len(unseen(told, 1)) < 5
+
+
 def test_another_grid_gets_the_cause_of_the_patch_that_its_middle_lies_in(page_server, dive):
     server = page_server("--annotator", "anna", "--grid", "4x6@200", mission=dive)
     assert unseen(server, DARK) == dict.fromkeys([0, 1, 2, 6, 7, 8], "dark")
