@@ -22,7 +22,7 @@ import numpy as np
 
 PAGE = Path(__file__).parent / "explanation" / "waters.md"
 NO_WATER = 0.95  # part of a dive's labelled patches that are obstacles: from there F1 says nothing
-DRAWN = ("gain", "gamma", "jpeg", "noise")
+DRAWN = ("gain", "gamma", "jpeg", "noise", "gray")
 """Kinds of augmentation that training's random changes draw as well."""
 _TABLE = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end -->\n", re.DOTALL)
 _BOTH = ("f1", "average_precision")

@@ -47,9 +47,14 @@ class WaterPrior:
     weight: float = 0.5  # patches that the means and the share count as
     sd_weight: float = 100.0  # and the standard deviations
     rounds: int = 30  # of EM; it is slow where obstacles are faint
+    # What is expected of frames without colour: obstacles stand out less there. None: the same.
+    gray: WaterPrior | None = None
 
     def __post_init__(self) -> None:
         numbers = {each.name: getattr(self, each.name) for each in fields(self)}
+        gray = numbers.pop("gray")
+        if gray is not None and (type(gray) is not WaterPrior or gray.gray is not None):
+            raise ToktError("a water's prior has one of gray frames, which has none")
         for name, value in numbers.items():
             known = (int,) if name in ("frames", "rounds") else (int, float)
             if type(value) not in known or not abs(value) <= _MAX:
@@ -131,12 +136,15 @@ class WaterPrior:
 
     def words(self) -> str:
         """For people."""
+        gray = ""
+        if self.gray is not None:
+            gray = f" In gray frames: {self.gray.water:.2f} and {self.gray.obstacle:.2f}."
         return (
             f"The boundary between water and obstacles moves with the last {self.frames} frames' "
             f"decision values, by {self.limit:g} at most. At first water is expected at "
             f"{self.water:.2f} (sd {self.water_sd:.2f}), obstacles at {self.obstacle:.2f} (sd "
             f"{self.obstacle_sd:.2f}) in {100 * self.share:.0f} % of patches: what held-out dives "
-            "show."
+            f"show.{gray}"
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -147,12 +155,15 @@ class WaterPrior:
     def from_json(cls, value: Any) -> WaterPrior:
         """Read back what `to_json` gave. Raises ToktError if it is none.
 
-        Bundles up to format 5 say no rounds: there were 6.
+        Bundles up to format 5 say no rounds: there were 6. Those up to 6 say nothing of gray.
         """
         known = {each.name for each in fields(cls)}
-        if not isinstance(value, Mapping) or not known - {"rounds"} <= set(value) <= known:
+        if not isinstance(value, Mapping) or not known - {"rounds", "gray"} <= set(value) <= known:
             raise ToktError("a water's prior has other entries")
-        return cls(**{"rounds": 6, **value})
+        gray = value.get("gray")
+        if isinstance(gray, Mapping) and gray.get("gray") is None:
+            gray = cls.from_json(gray)
+        return cls(**{"rounds": 6, **value, "gray": gray})
 
 
 def _log_odds(scores: F64, means: F64, sds: F64, share: float) -> F64:
@@ -172,16 +183,19 @@ class WaterState:
         """The next frame, `missed` frames after the one before; not judged unless `judge` is."""
         self._last.extend([np.zeros(0)] * (1 + min(missed, self._last.maxlen or 0)))
 
-    def judge(self, scores: F64) -> float:
-        """The boundary in the frame that was begun.
+    def judge(self, scores: F64, *, gray: bool = False) -> float:
+        """Find the boundary in the frame that was begun.
 
         Parameters
         ----------
         scores : array of float64, shape (n_patches,)
             Its obstacle scores with the boundary at 0.
+        gray : bool
+            Whether it has no colour.
         """
         self._last[-1] = scores
-        boundary = self.prior.boundary(np.concatenate(self._last)) if self.prior else 0.0
+        prior = self.prior and ((gray and self.prior.gray) or self.prior)
+        boundary = prior.boundary(np.concatenate(self._last)) if prior else 0.0
         # An even obstacle that fills the view looks like the water of another dive: not cleared.
         filled = (scores > 0).mean() >= FILLED and not (scores > boundary).any()
         return min(boundary, 0.0) if filled else boundary

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, I64, U8
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import Quantization
@@ -62,6 +62,13 @@ class Extractor(ABC):
         grid : Grid
         """
         return self.describe_pictures(FramePictures(frame, grid))
+
+    def is_gray(self, features: F64) -> Bools:
+        """Tell of each row of features whether its frame has no colour, shape (n,).
+
+        False of an extractor that does not look at colours.
+        """
+        return np.zeros(len(features), bool)
 
     @abstractmethod
     def describe_pictures(self, pictures: FramePictures) -> F64:

@@ -170,7 +170,8 @@ class TextureDetector:
             return self._unjudged(Fault(Reason.NOT_FINITE, words))
         model, boundary = self.scorer.model, None
         if self._water.prior is not None:
-            boundary = self._water.judge(model.obstacle_score(values))
+            gray = self.scorer.is_gray(features)
+            boundary = self._water.judge(model.obstacle_score(values), gray=gray)
             values = moved(values, boundary, model.obstacle)
         found = self._ruled(values, *size, view)
         clear = ~model.obstacle_patches(values)

@@ -70,7 +70,7 @@ from tokt.models.water import WaterState
 from .signature import MEMBER as SIGNATURE
 from .signature import Signature, signature_from_bytes
 
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 GOLDEN_TOLERANCE = 1e-9
 SUFFIX = ".tokt"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -277,11 +277,16 @@ class Bundle(BundleContent):
         """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""
         return self.model.decision_values(features)
 
+    def is_gray(self, features: F64) -> bool:
+        """Tell whether a frame with these features has no colour; False where none is looked at."""
+        return bool(self.extractor.is_gray(features).all())
+
     def values_alone(self, features: F64) -> F64:
         """The same of a run's only frame: less the boundary that its own values give."""
         values, water = self.values_of(features), WaterState(self.operating_point.water)
         water.begin()
-        boundary = water.judge(self.model.obstacle_score(values))
+        scores, gray = self.model.obstacle_score(values), self.is_gray(features)
+        boundary = water.judge(scores, gray=gray)
         return moved(values, boundary, self.model.obstacle)
 
 
@@ -610,6 +615,9 @@ def _operating_point(manifest: Mapping[str, Any], grid: Grid, model: LinearModel
         rounds = "rounds" in manifest["operating_point"]["water"]
         if rounds != (manifest["format_version"] >= 6):
             raise ToktError("a prior of the water says its rounds from format 6 on")
+        gray = "gray" in manifest["operating_point"]["water"]
+        if gray != (manifest["format_version"] >= 7):
+            raise ToktError("a prior of the water says that of gray frames from format 7 on")
     if point.unlike is not None and model.map is None:
         raise ToktError("a distance to landmarks, and no landmarks")
     if point.water is not None and len(set(model.obstacle)) < 2:

@@ -130,7 +130,8 @@ def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, w
     if extractor.needs_colour:
         mapped = NystroemMap(np.ones(dim), np.zeros(dim), 1.5, rng.uniform(-1, 1, (3, dim)), 0.1)
         weights = rng.normal(size=(outputs, 3))
-        moves = {"water": WaterPrior(-1.0, 1.0, 0.5, 0.5, 0.25), "unlike": 2.5}
+        gray = WaterPrior(-0.5, 0.5, 0.5, 0.5, 0.25)
+        moves = {"water": WaterPrior(-1.0, 1.0, 0.5, 0.5, 0.25, gray=gray), "unlike": 2.5}
     model = LinearModel(weights, bias, np.zeros(outputs), names, flags, mapped)
     distribution = None
     if weightless:

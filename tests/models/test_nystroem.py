@@ -100,7 +100,7 @@ def test_a_bundle_with_a_map_is_the_same_model(mapped_content):
 def test_a_format_that_knew_no_map_has_none(mapped_content):
     members = unpack(bundle_bytes(mapped_content))
     manifest = json.loads(members["manifest.json"])
-    assert manifest["format_version"] == 6
+    assert manifest["format_version"] == 7
     older = rehash(members, {"format_version": 3, "sight": None, "frame_sizes": None})
     refuses("its format knows no map", bundle_from_bytes, older, "x.tokt")
 

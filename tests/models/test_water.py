@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -129,6 +130,26 @@ def test_the_prior_is_of_dives_that_count_the_same():
     assert prior.share == pytest.approx((40 / 4040 + 0.5) / 2)
     assert WaterPrior.of(scores, ~obstacle, dive) is None, "water above obstacles"
     assert WaterPrior.of(scores, np.zeros(len(scores), bool), dive) is None
+
+
+def test_gray_frames_have_a_prior_of_their_own():
+    """Obstacles stand out less there: what colour takes for water is one."""
+    rng = np.random.default_rng(4)
+    scores = np.concatenate([rng.normal(-1.0, 0.3, 60), rng.normal(1.2, 0.3, 40)])
+    gray = replace(LOOSE, water=-1.2, obstacle=1.2, water_sd=0.5, obstacle_sd=0.5)
+    both = replace(LOOSE, gray=gray)
+
+    def boundary(prior, **how):
+        state = WaterState(prior)
+        state.begin()
+        return state.judge(scores, **how)
+
+    assert boundary(both, gray=True) == boundary(gray) != boundary(LOOSE)
+    assert boundary(both) == boundary(LOOSE) == boundary(LOOSE, gray=True)
+    assert WaterPrior.from_json(json.loads(json.dumps(both.to_json()))) == both
+    assert "In gray frames: -1.20 and 1.20." in both.words() and "gray" not in LOOSE.words()
+    for wrong in (both.to_json(), 3, {}, [], {**gray.to_json(), "share": 2}):
+        refuses("water's prior", WaterPrior.from_json, {**LOOSE.to_json(), "gray": wrong})
 
 
 def test_what_is_no_prior_is_refused():

@@ -11,6 +11,8 @@ Of kinds that ``random`` never draws, so that they test a model that learnt from
 (smeared along the rows over 6 thousandths of the width), ``snow_60`` (60 bright particles),
 ``ripple_25`` (light that a rippled surface focuses, up and down by 25 %), ``hue_15`` (all hues
 turned by 15 degrees) and ``bits_4`` (4 bits a value are left).
+
+``gray_100`` takes 100 % of the colours away, as a gray camera does; ``random`` draws that, too.
 """
 
 import math
@@ -29,7 +31,7 @@ STRESS = (
     *("gain_0.5", "gain_0.7", "gain_1.4", "gain_2"),
     *("gamma_0.7", "gamma_1.4", "jpeg_60", "jpeg_75", "jpeg_95", "noise_1"),
     *("motion_6", "motion_12", "snow_60", "snow_200", "ripple_15", "ripple_30"),
-    *("hue_15", "hue_30", "bits_4", "bits_3"),
+    *("hue_15", "hue_30", "bits_4", "bits_3", "gray_100"),
 )
 """What ``--stress`` tests on."""
 RANDOM = "random"
@@ -111,6 +113,13 @@ def _hue(frame: U8, degrees: float, rng: np.random.Generator) -> U8:
     return np.asarray(np.clip(np.rint(turned * 255), 0, 255), np.uint8)
 
 
+def _gray(frame: U8, percent: float, rng: np.random.Generator) -> U8:
+    if frame.ndim == 2:
+        return frame
+    gray = cv2.cvtColor(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    return np.asarray(cv2.addWeighted(gray, percent / 100, frame, 1 - percent / 100, 0), np.uint8)
+
+
 def _bits(frame: U8, bits: float, rng: np.random.Generator) -> U8:
     step = 1 << (8 - int(bits))
     return np.asarray(frame // step * step, np.uint8)
@@ -123,6 +132,7 @@ _KINDS: dict[str, Callable[[U8, float, np.random.Generator], U8]] = {
     "ripple": _ripple,
     "hue": _hue,
     "bits": _bits,
+    "gray": _gray,
 }
 
 
@@ -137,7 +147,7 @@ def parse_augmentation(name: str) -> tuple[str, float]:
         or (kind == "gamma" and 0 < value <= 4)
         or (kind == "jpeg" and whole and 1 <= value <= 100)
         or (kind == "noise" and whole and 1 <= value <= 64)
-        or (kind in ("motion", "ripple") and whole and 1 <= value <= 100)
+        or (kind in ("motion", "ripple", "gray") and whole and 1 <= value <= 100)
         or (kind == "snow" and whole and 1 <= value <= 999)
         or (kind == "hue" and whole and 1 <= value <= 359)
         or (kind == "bits" and whole and 1 <= value <= 7)
@@ -146,5 +156,5 @@ def parse_augmentation(name: str) -> tuple[str, float]:
         return kind, value
     raise ToktError(
         f"no picture change {name!r} (they are like gain_0.5, gamma_0.7, jpeg_60, noise_1, "
-        "motion_6, snow_60, ripple_25, hue_15, bits_4 and random_9)"
+        "motion_6, snow_60, ripple_25, hue_15, bits_4, gray_100 and random_9)"
     )

@@ -333,7 +333,7 @@ def adaptation(
         changed_patches(dataset, spec, change, cache, progress, jobs)
         for change in known.settings.changes
     ]
-    whole = WholeFrames.of(dataset, features) if moving else None
+    whole = WholeFrames.of(dataset, features, known.bundle.extractor) if moving else None
     with ThreadpoolController().limit(limits=1):
 
         def request_counting(times: float) -> TrainRequest:

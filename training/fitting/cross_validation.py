@@ -258,15 +258,21 @@ def choose_hyperparameters(
     ]
     results = map(_tested, tasks) if jobs == 1 else mapped(_tested, tasks, jobs)
     best, best_score = None, -np.inf
+    outputs = _outputs(len(np.unique(targets)))
     for choice in settings.choices:
-        values, prior = np.full((len(targets), _outputs(len(np.unique(targets)))), np.nan), None
+        values, prior = np.full((len(targets), outputs), np.nan), None
         found = [next(results) for _ in folds]
-        for fold, one in zip(folds, found, strict=True):
-            part = None if whole is None else whole.part(fold.test)
-            values[fold.test] = one if part is None else part.moved(one[0], one[1], None)
-        if whole is not None and (prior := _prior(patches, targets, values, whole)):
+        if whole is None:
             for fold, one in zip(folds, found, strict=True):
-                values[fold.test] = whole.part(fold.test).moved(one[0], one[1], prior)
+                values[fold.test] = one
+        else:
+            gray = np.full((len(whole.gray_changes.source), outputs), np.nan)
+            for fold, one in zip(folds, found, strict=True):
+                values[fold.test] = whole.part(fold.test).moved(one.frames, one.values, None)
+                gray[whole.gray_changes.of(fold.test)] = one.gray_changes
+            if prior := _prior(patches, targets, values, gray, whole):
+                for fold, one in zip(folds, found, strict=True):
+                    values[fold.test] = whole.part(fold.test).moved(one.frames, one.values, prior)
         score = _mean_f1(targets, values, parts)
         if best is None or score > best_score:
             best, best_score = BestCandidate(choice, values, prior), score
@@ -281,21 +287,58 @@ _Fit = tuple[
 """One fold of one candidate: features, targets, fold, choice, settings, augmented, dives, whole."""
 
 
+@dataclass(frozen=True)
+class _JudgedFrames:
+    """Decision values of the whole frames of a fold's test rows."""
+
+    frames: I64  # as `WholeFrames.values` has these two
+    values: F64
+    gray_changes: F64  # (n, n_outputs): of the patches of `WholeFrames.gray_changes`
+
+
 def _tested(task: _Fit) -> Any:
-    """Decision values of a fold's test rows, or those of their whole frames, by `WholeFrames`."""
+    """Judge a fold's test rows: their decision values, or `_JudgedFrames`."""
     features, targets, fold, choice, settings, augmented, dives, whole = task
     model = fit_rows(features, targets, fold.train, choice, settings, augmented, dives)
     judge = partial(decision_values, model)
-    return judge(features, fold.test) if whole is None else whole.part(fold.test).values(judge)
+    if whole is None:
+        return judge(features, fold.test)
+    frames, of_frames = whole.part(fold.test).values(judge)
+    gray = whole.gray_changes.of(fold.test)
+    of_changes = np.zeros((0, of_frames.shape[2]))
+    if len(gray):
+        of_changes = judge(whole.gray_changes.features, gray)
+    return _JudgedFrames(frames, of_frames, of_changes)
+
+
+_FEWEST_GRAY = 100
+"""Gray patches of obstacles, and as many of water, of fewer of which nothing is expected."""
 
 
 def _prior(
-    patches: pd.DataFrame, targets: I64, values: F64, whole: WholeFrames
+    patches: pd.DataFrame, targets: I64, values: F64, gray_values: F64, whole: WholeFrames
 ) -> WaterPrior | None:
-    tested, flags = rows_tested(values), np.asarray(whole.obstacle, bool)
-    scores = obstacle_score(values[tested], whole.obstacle)
-    dives = patches.mission.to_numpy()[tested]
-    return WaterPrior.of(scores, flags[targets[tested]], dives)
+    """Find the prior that held-out patches give, and that of gray frames where there are enough.
+
+    `gray_values` are of `WholeFrames.gray_changes`.
+    """
+    flags, mission = np.asarray(whole.obstacle, bool), patches.mission.to_numpy()
+    tested = np.flatnonzero(rows_tested(values))
+    is_gray = whole.gray[whole.frame[tested]]
+    # A dataset of gray frames alone has no other water to tell of.
+    own = tested if is_gray.all() else tested[~is_gray]
+    scores = obstacle_score(values, whole.obstacle)
+    prior = WaterPrior.of(scores[own], flags[targets[own]], mission[own])
+    if prior is None:
+        return None
+    gray, changed = tested[is_gray], np.flatnonzero(rows_tested(gray_values))
+    source = np.concatenate([gray, whole.gray_changes.source[changed]])
+    obstacle = flags[targets[source]]
+    if min(obstacle.sum(), (~obstacle).sum()) < _FEWEST_GRAY:
+        return prior
+    of_changes = obstacle_score(gray_values[changed], whole.obstacle)
+    pool = np.concatenate([scores[gray], of_changes])
+    return replace(prior, gray=WaterPrior.of(pool, obstacle, mission[source]))
 
 
 def _outputs(classes: int) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from tokt.features.common.arrays import F64
+from tokt.features.extractors.extractor import build_extractor
 from tokt.training.datasets.changed_patches import ChangedPatches, stored_rows
 from tokt.training.datasets.dataset import (
     FRAME_KEY,
@@ -48,7 +49,8 @@ def plan_of_rows(
     frames_a_dive : int
         So many frames of each dive are kept at most, evenly spread.
     """
-    whole, keys = WholeFrames.of(dataset, features), frame_table(dataset).keys
+    whole = WholeFrames.of(dataset, features, build_extractor(spec))
+    keys = frame_table(dataset).keys
     listed = dataset.frames.set_index(FRAME_KEY)
     sources: list[FrameSource] = []
     for _, numbers in keys.groupby("mission").groups.items():

@@ -144,12 +144,14 @@ def fit_and_measure(
     moves = settings.moving_boundary and dataset.block_frames is not None
     judged = ("", *stress) if moves else ()
     tables = {name: cached_features(*computed, name, name in judged) for name in ("", *stress)}
-    whole = {name: WholeFrames.of(dataset, tables[name]) for name in judged}
-    tables = {name: table[: len(dataset.patches)] for name, table in tables.items()}
     changed = [
         changed_patches(dataset, spec, name, cache, progress, jobs, dask)
         for name in settings.changes
     ]
+    whole = {
+        name: WholeFrames.of(dataset, tables[name], request.extractor, changed) for name in judged
+    }
+    tables = {name: table[: len(dataset.patches)] for name, table in tables.items()}
     # One thread, so that sums are added up in the same order on every machine.
     with ThreadpoolController().limit(limits=1):
         if settings.two_images:

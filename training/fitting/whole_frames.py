@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, I64
+from tokt.features.common.arrays import F64, I64, Bools
+from tokt.features.extractors.textures import Extractor
 from tokt.models.linear import moved, obstacle_score
 from tokt.models.water import WaterPrior, WaterState
+from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation.frame_scores import frame_table
 
@@ -27,16 +29,41 @@ class WholeFrames:
     obstacle: tuple[bool, ...]  # for each class whether it is an obstacle
     frame: I64  # (n_rows,): the frame of each row of a table of patches
     cell: I64  # (n_rows,): its place in the grid
+    gray: Bools  # (n_frames,): whether it has no colour
+    gray_changes: ChangedPatches  # patches of changed frames without colour
 
     @classmethod
-    def of(cls, dataset: DatasetVersion, features: F64) -> WholeFrames:
-        """Those of a dataset, given what `cached_features` computed of its whole frames."""
+    def of(
+        cls,
+        dataset: DatasetVersion,
+        features: F64,
+        extractor: Extractor,
+        changed: Sequence[ChangedPatches] = (),
+    ) -> WholeFrames:
+        """Lay out a dataset's frames.
+
+        Parameters
+        ----------
+        dataset : DatasetVersion
+        features : array of float64, shape (n_frames * n_patches, dim)
+            What `cached_features` computed of its whole frames.
+        extractor : Extractor
+            Whose features they are.
+        changed : sequence of ChangedPatches, optional
+            Patches of changed frames that are learnt from as well.
+        """
         table, grid, patches = frame_table(dataset), dataset.grid, dataset.patches
         cell = (patches.row * grid.cols + patches.col).to_numpy(np.int64)
         at = np.full((len(table), grid.n_patches), -1)
         at[table.of_patch, cell] = np.arange(len(patches))
         at[at < 0] = np.arange(len(patches), at.size)
-        return cls(features, at, table.place, dataset.obstacle_flags(), table.of_patch, cell)
+        gray = extractor.is_gray(features[at[:, 0]])
+        flags, changes = dataset.obstacle_flags(), [_gray_part(one, extractor) for one in changed]
+        table_of_changes = ChangedPatches(
+            np.concatenate([features[:0], *(one.features for one in changes)]),
+            np.concatenate([np.zeros(0, np.int64), *(one.source for one in changes)]),
+        )
+        return cls(features, at, table.place, flags, table.of_patch, cell, gray, table_of_changes)
 
     def part(self, rows: I64) -> WholeFrames:
         """Of some rows of the table."""
@@ -62,8 +89,13 @@ class WholeFrames:
         missed = np.diff(self.place[frames], prepend=self.place[frames[:1]] - 1) - 1
         for index, frame in enumerate(scores.reshape(values.shape[:2])):
             state.begin(int(missed[index]))
-            boundary[index] = state.judge(frame)
+            boundary[index] = state.judge(frame, gray=bool(self.gray[frames[index]]))
         return moved(own, boundary[at][:, None], self.obstacle)
+
+
+def _gray_part(changed: ChangedPatches, extractor: Extractor) -> ChangedPatches:
+    gray = extractor.is_gray(changed.features)
+    return ChangedPatches(changed.features[gray], changed.source[gray])
 
 
 def judged(

@@ -229,3 +229,13 @@ PLACE = spec("place")
 )
 def test_refused_specs(words, wrong):
     refuses(words, build_extractor, wrong)
+
+
+def test_a_frame_without_colour_is_told_by_its_features():
+    water, plain = extractor_named("water"), extractor_named("water_gray")
+    for frame in (sea(), with_post(sea(1)), sea(2, cast=(90, 90, 90)), np.zeros_like(sea())):
+        gray = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+        for one, is_gray in ((frame, not frame.any()), (gray, True), (cv2.merge([gray] * 3), True)):
+            told = water.is_gray(water.describe(one, DEFAULT_GRID))
+            assert told.shape == (100,) and set(told.tolist()) == {is_gray}
+        assert not plain.is_gray(plain.describe(gray, DEFAULT_GRID)).any()

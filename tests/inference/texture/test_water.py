@@ -36,6 +36,9 @@ class Moving(Script):
         super().__init__(RULE, answers)
         object.__setattr__(self, "operating_point", OperatingPoint(RULE, water=prior))
 
+    def is_gray(self, features):
+        return False
+
 
 def test_the_detector_judges_by_the_boundary_of_the_last_frames():
     rng = np.random.default_rng(1)

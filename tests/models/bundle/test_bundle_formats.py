@@ -104,6 +104,7 @@ def test_format_1_loads(stamp):
         (3, "yesterday/5", "dc80d33fbcf3", None),
         (4, "lastweek/6", "cd80ee1e8bf9", None),
         (5, "yesterday/7", "7416143671ac", None),
+        (6, "yesterday/8", "27ad07b693a2", None),
     ],
 )
 def test_a_file_of_an_older_format_is_the_same_model_in_this_one(version, label, sha256, point):
@@ -126,9 +127,11 @@ def test_a_file_of_an_older_format_is_the_same_model_in_this_one(version, label,
     assert old.sight == new.sight and bool(old.sight) == (version >= 5)
     assert ("sight was not measured" in old.blindness) == (version < 5)
     # No sizes before format 6: those of the golden frames; and no rounds of a boundary: 6.
+    # No prior of gray frames before format 7.
     assert old.frame_sizes == new.frame_sizes == ((32, 48),)
     water = old.operating_point.water
-    assert (water and water.rounds) == (6 if version == 5 else None)
+    assert (water and water.rounds) == {5: 6, 6: 30}.get(version)
+    assert water is None or water.gray is None
     assert old.model.classes == new.model.classes == ("ocean", "sand", "other")
     assert old.model.obstacle == new.model.obstacle
     np.testing.assert_array_equal(old.model.weights, new.model.weights)

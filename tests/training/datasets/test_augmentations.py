@@ -43,6 +43,9 @@ def test_changes_are_what_they_say(shape):
     )
     blue = np.zeros((2, 2, 3), np.uint8)
     blue[..., 0] = 200
+    spreads = [np.ptp(augment(blue, name), axis=2).max() for name in ("gray_50", "gray_100")]
+    assert spreads == [100, 0]
+    assert np.array_equal(augment(blue[..., 0], "gray_100"), blue[..., 0])
     assert augment(blue, "hue_120")[0, 0].tolist() == [0, 0, 200]
     for name in STRESS:
         assert np.array_equal(augment(frame, name), augment(frame, name))
@@ -53,7 +56,7 @@ def test_changes_are_what_they_say(shape):
     "name",
     [
         *("gain_0", "gain_nan", "gain_", "jpeg_60.5", "jpeg_101", "noise_0", "gain_1_0", "fog_1"),
-        *("bits_8", "motion_0", "snow_1000", "hue_360"),
+        *("bits_8", "motion_0", "snow_1000", "hue_360", "gray_0", "gray_101"),
     ],
 )
 def test_unknown_changes_are_refused(name):

@@ -16,11 +16,12 @@ from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import bundle_bytes
 from tokt.models.registry.registry import Registry
+from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.evaluation.evaluate import score_mission
 from tokt.training.fitting.classifier import decision_values, fit_rows
-from tokt.training.fitting.cross_validation import Split
+from tokt.training.fitting.cross_validation import Split, choose_hyperparameters
 from tokt.training.fitting.drift_limits import NOVEL_RATE, novelty_limit
 from tokt.training.fitting.presets import Hyperparameters, settings_named
 from tokt.training.fitting.tracking import log_and_register
@@ -125,10 +126,55 @@ def test_whole_frames_are_the_labelled_patches_and_more(trained, tmp_path):
     np.testing.assert_array_equal(values[..., 0], whole.features[whole.at[frames], 0])
 
 
+def test_gray_frames_that_were_held_out_have_a_prior_of_their_own(trained, tmp_path):
+    """From changed frames without colour, of which each is judged by a model that knew none."""
+    dataset = open_dataset("tiny", trained / "datasets")
+    features, whole = described(dataset, LBP.spec, tmp_path)
+    targets, rng = dataset.targets(), np.random.default_rng(5)
+    source = np.arange(len(targets))
+    ocean = features[targets == 0].mean(axis=0)
+    fainter = ocean + 0.6 * (features - ocean)
+    changes = ChangedPatches(np.concatenate([fainter, fainter[:9]]), np.append(source, [-1] * 9))
+    whole = replace(whole, gray_changes=changes)
+    learnt = dataset.patches, features, targets, MOVING, Split(3, 1)
+    prior = choose_hyperparameters(*learnt, whole=whole).prior
+    assert prior.gray is not None and prior.gray.gray is None
+    assert prior.gray.obstacle < prior.obstacle - 0.1
+    few = replace(whole, gray_changes=ChangedPatches(fainter[:50], source[:50]))
+    assert choose_hyperparameters(*learnt, whole=few).prior == replace(prior, gray=None)
+    # Gray frames of the dataset itself tell of gray, and of nothing else.
+    some = replace(few, gray=rng.random(len(whole.gray)) < 0.5)
+    mixed = choose_hyperparameters(*learnt, whole=some).prior
+    assert mixed.gray is not None and mixed.water != prior.water
+    alone = choose_hyperparameters(*learnt, whole=replace(few, gray=~np.zeros_like(some.gray)))
+    assert replace(alone.prior, gray=None) == replace(prior, gray=None)
+
+
+def test_a_gray_frame_is_judged_by_the_prior_of_gray_frames(bundle, tiny, monkeypatch):
+    prior = bundle.operating_point.water
+    gray = replace(prior, water=prior.water - 1, obstacle=prior.obstacle - 1)
+    frame = Frame(4, 0.0, open_mission(tiny.path).read(4, LEFT), None)
+
+    def boundaries(prior):
+        one = replace(bundle, operating_point=replace(bundle.operating_point, water=prior))
+        features = one.features(frame.left)
+        alone = one.values_of(features) - one.values_alone(features)
+        moved = TextureDetector(one).detect(frame).boundary
+        assert np.allclose(alone, moved)
+        return moved
+
+    told = replace(prior, gray=gray)
+    assert boundaries(told) == boundaries(prior) != boundaries(gray)
+    monkeypatch.setattr(
+        type(bundle.extractor), "is_gray", lambda self, features: np.ones(len(features), bool)
+    )
+    assert boundaries(told) == boundaries(gray)
+
+
 def described(dataset, spec, cache):
     """Features of the labelled patches, and the frames that they are in."""
     table = cached_features(dataset, spec, cache, quiet, 1, whole_frames=True)
-    return table[: len(dataset.patches)], WholeFrames.of(dataset, table)
+    return table[: len(dataset.patches)], WholeFrames.of(dataset, table, build_extractor(spec))
 
 
 def test_at_most_one_frame_in_a_hundred_of_known_water_is_too_far(trained):
