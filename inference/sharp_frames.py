@@ -6,9 +6,10 @@ has looked at some frames can tell, and no labels are needed for it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from itertools import tee
+
+import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
@@ -89,7 +90,8 @@ def _some_pictures(
         mask, numbers = masks.of(camera), mission.frames(camera)
         if mission.path.is_file():
             numbers = numbers[:_OF_VIDEO]
-        for number in numbers[:: math.ceil(len(numbers) / MAX_FRAMES)]:
+        some = np.linspace(0, len(numbers) - 1, min(len(numbers), MAX_FRAMES)).round()
+        for number in (numbers[int(at)] for at in some):
             picture, _ = read_picture(mission, number, camera)
             if picture is not None and picture.ndim == 2 and raw:
                 picture, _ = read_picture(mission, number, camera, pixel_format)

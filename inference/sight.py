@@ -45,6 +45,7 @@ from tokt.features.kernels.quantization import STEPS_PER_LEVEL
 from tokt.models.sight import (
     ANY_CAMERA,
     BRIGHT_PART,
+    NOTHING_SEEN,
     UNMEASURED,
     SightLimits,
     hides_too_much,
@@ -286,6 +287,8 @@ class SightMeter:
                 f"; compared with {learnt.width}x{learnt.height} frames, as none of "
                 f"{width}x{height} were learnt (--sharp-frames)"
             )
+        if learnt is NOTHING_SEEN:
+            unlearnt = "; nothing is known of this camera"
         if masked is not None:
             causes[masked] = _MASKED
         return SightMap(causes, unlearnt=unlearnt), detail.visible_contrast

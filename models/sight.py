@@ -318,6 +318,15 @@ ANY_CAMERA = SightLimits(
 to width 360 and rendered ones, whose highest are 5.0, -0.36, -0.10, -0.12, 5.0, -0.23, -0.07, 0.1
 and -0.29; of the last up to 0.6 of the rows are the same as the next. A camera whose noise is not
 alike from pixel to pixel, a monochrome one without compression, is outside."""
+NOTHING_SEEN = SightLimits(
+    height=1,
+    width=1,
+    darkest=DARK_LEVEL,
+    repeated=1.0,
+    limits=(-math.inf,) * len(MEASURES),
+    blurred=1.0,
+)
+"""For a camera of which nothing is known: no view is clear, and an obstacle stays one."""
 UNMEASURED = SightLimits(
     height=1,
     width=1,

@@ -55,6 +55,8 @@ class WaterPrior:
         gray = numbers.pop("gray")
         if gray is not None and (type(gray) is not WaterPrior or gray.gray is not None):
             raise ToktError("a water's prior has one of gray frames, which has none")
+        if gray is not None and (gray.limit, gray.frames) != (self.limit, self.frames):
+            raise ToktError("a water's prior of gray frames has the same limit and frames")
         for name, value in numbers.items():
             known = (int,) if name in ("frames", "rounds") else (int, float)
             if type(value) not in known or not abs(value) <= _MAX:
@@ -161,7 +163,7 @@ class WaterPrior:
         if not isinstance(value, Mapping) or not known - {"rounds", "gray"} <= set(value) <= known:
             raise ToktError("a water's prior has other entries")
         gray = value.get("gray")
-        if isinstance(gray, Mapping) and gray.get("gray") is None:
+        if isinstance(gray, Mapping) and set(gray) == known and gray["gray"] is None:
             gray = cls.from_json(gray)
         return cls(**{"rounds": 6, **value, "gray": gray})
 
@@ -178,10 +180,13 @@ class WaterState:
     def __init__(self, prior: WaterPrior | None) -> None:
         self.prior = prior
         self._last: deque[F64] = deque(maxlen=prior.frames if prior else 1)
+        self._gray: deque[bool] = deque(maxlen=self._last.maxlen)
 
     def begin(self, missed: int = 0) -> None:
         """The next frame, `missed` frames after the one before; not judged unless `judge` is."""
-        self._last.extend([np.zeros(0)] * (1 + min(missed, self._last.maxlen or 0)))
+        begun = 1 + min(missed, self._last.maxlen or 0)
+        self._last.extend([np.zeros(0)] * begun)
+        self._gray.extend([False] * begun)
 
     def judge(self, scores: F64, *, gray: bool = False) -> float:
         """Find the boundary in the frame that was begun.
@@ -193,9 +198,16 @@ class WaterState:
         gray : bool
             Whether it has no colour.
         """
-        self._last[-1] = scores
-        prior = self.prior and ((gray and self.prior.gray) or self.prior)
-        boundary = prior.boundary(np.concatenate(self._last)) if prior else 0.0
+        self._last[-1], self._gray[-1] = scores, gray
+        boundary = 0.0 if self.prior is None else self._boundary(self.prior, gray)
         # An even obstacle that fills the view looks like the water of another dive: not cleared.
         filled = (scores > 0).mean() >= FILLED and not (scores > boundary).any()
         return min(boundary, 0.0) if filled else boundary
+
+    def _boundary(self, prior: WaterPrior, gray: bool) -> float:
+        if prior.gray is None:
+            return prior.boundary(np.concatenate(self._last))
+        # Values of the other kind lie elsewhere: a camera may switch between colour and infrared.
+        last = zip(self._last, self._gray, strict=True)
+        same = [scores for scores, was_gray in last if was_gray == gray]
+        return (prior.gray if gray else prior).boundary(np.concatenate(same))

@@ -63,10 +63,11 @@ class Extractor(ABC):
         """
         return self.describe_pictures(FramePictures(frame, grid))
 
-    def is_gray(self, features: F64) -> Bools:
+    def is_gray(self, features: F64, *, of_4_bits: bool = False) -> Bools:
         """Tell of each row of features whether its frame has no colour, shape (n,).
 
-        False of an extractor that does not look at colours.
+        False of an extractor that does not look at colours. `of_4_bits`: the features are those
+        that a file of rows keeps.
         """
         return np.zeros(len(features), bool)
 

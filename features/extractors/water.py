@@ -157,10 +157,9 @@ _NO_CHANGE = 0.05  # units of Lab that count as no change: of less a logarithm s
 _ROUNDS = 4  # of the robust fit
 _RIDGE = 1e-2 * np.diag([0.0, 1, 1, 3, 3, 3])  # so that few quiet patches give a flat field
 _FRAME_PARTS = (0.1, 0.5, 0.9)  # quantiles over a frame's patches
-_GRAY = 0.35
-"""How far above a frame's median energy of colour its highest are at most, where it has no colour:
-0, or half a step where 4 bits are kept of it. It is 0.49 and more in 29,100 patches of frames in
-colour that were changed at random."""
+_GRAY, _GRAY_OF_4_BITS = 1e-3, 0.35
+"""How far the logarithms of a frame's energies of colour are from those of no colour at most, where
+it has none; and where 4 bits are kept of them. Noise of one grey level is 0.3 away and more."""
 
 
 class WaterContrast(Extractor):
@@ -204,7 +203,9 @@ class WaterContrast(Extractor):
             *(f"frame_{kind}.{name}" for kind in ("low", "middle", "high") for name in energies),
         )
         self.dim = len(self.names)
-        self._colours = np.array([name.startswith("frame_high.colour_") for name in self.names])
+        low = np.array([name.startswith("frame_low.colour_") for name in self.names])
+        self._of_gray = np.where(low, np.log(_NO_COLOUR_ENERGY), 0.0)
+        self._colours = np.array(["frame_" in name and ".colour_" in name for name in self.names])
         self._spec = {
             "name": "water_contrast",
             "version": SPEC_VERSION,
@@ -213,11 +214,12 @@ class WaterContrast(Extractor):
             "cells": cells,
         }
 
-    def is_gray(self, features: F64) -> Bools:
+    def is_gray(self, features: F64, *, of_4_bits: bool = False) -> Bools:
         """Tell of each row of features whether its frame has no colour, shape (n,)."""
         if not self._colours.any():
             return super().is_gray(features)
-        return np.asarray((np.abs(features[:, self._colours]) < _GRAY).all(axis=1), bool)
+        off = np.abs(features - self._of_gray)[:, self._colours]
+        return np.asarray((off < (_GRAY_OF_4_BITS if of_4_bits else _GRAY)).all(axis=1), bool)
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch."""

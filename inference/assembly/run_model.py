@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from tokt.inference.monitoring.watchdog import restarts
 from tokt.inference.policy.assembly import Assembly
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import Bundle, read_bundle
-from tokt.models.sight import SightLimits
+from tokt.models.sight import NOTHING_SEEN, SightLimits
 from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
 
@@ -82,12 +83,15 @@ class RunModel:
 
     def check_sight(self, running: Bundle) -> None:
         """Raise ToktError if a model may call clear what shows nothing, unless that is accepted."""
-        running.check_sight(self._wanted.accept_blind or bool(self.sight_fault))
+        if not self.sight:  # that of sharp frames was checked as it was measured
+            running.check_sight(self._wanted.accept_blind)
 
     def as_it_runs(self, bundle: Bundle) -> Bundle:
         """Return a model with its boundary and its sight as the options want them."""
         if self.sight:
             bundle = bundle.with_sight(self.sight)
+        if self.sight_fault:
+            bundle = replace(bundle, sight=(NOTHING_SEEN,))
         return bundle.with_fixed_boundary() if self._wanted.fixed_boundary else bundle
 
     @property

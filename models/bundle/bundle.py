@@ -29,7 +29,8 @@ shape and bound, and only then *construct* and recompute the golden values. No p
 Format 1 has no ``operating_point``: any one patch over its threshold is an obstacle at once.
 Formats 1 and 2 have no ``distribution.npz``, formats 1 to 3 no map, and in their operating point
 neither a prior of the water nor a distance to landmarks. Formats 1 to 4 have no ``sight``, formats
-1 to 5 no ``frame_sizes``: they are those of the golden frames; and no ``dataset.zip``.
+1 to 5 no ``frame_sizes``: they are those of the golden frames; and no ``dataset.zip``. Formats 1 to
+6 have no prior of gray frames.
 
 To change the format: raise FORMAT_VERSION, keep the reader of the old one, and prove with a file
 of the old one in a test that it still loads.
@@ -231,18 +232,25 @@ class Bundle(BundleContent):
         the model sees none in them nothing can be said: a weak one, or one with other obstacle
         classes than it was trained with.
         """
-        golden, rule = self.golden, self.operating_point.rule
+        golden, rule, water = self.golden, self.operating_point.rule, self.operating_point.water
         shown = golden.decision_values[golden.obstacle.any(axis=1)]
-        for values in shown:
-            state, water = MofNState(rule), WaterState(self.operating_point.water)
-            scores = self.model.obstacle_score(values)
-            for _ in range(rule.n):
-                water.begin()
-                if state.add(scores - water.judge(scores)) == OBSTACLE:
-                    return ""
-        if not len(shown):
+        kinds = (False, True) if water and water.gray else (False,)
+        if not len(shown) or all(
+            any(self._warns(values, gray) for values in shown) for gray in kinds
+        ):
             return ""
         return f"it warns of no golden frame with obstacle patches (status 1 with {rule.words()})"
+
+    def _warns(self, values: F64, gray: bool) -> bool:
+        """Tell whether a frame with these decision values, seen again and again, has status 1."""
+        rule = self.operating_point.rule
+        state, water = MofNState(rule), WaterState(self.operating_point.water)
+        scores = self.model.obstacle_score(values)
+        for _ in range(rule.n):
+            water.begin()
+            if state.add(scores - water.judge(scores, gray=gray)) == OBSTACLE:
+                return True
+        return False
 
     @property
     def images(self) -> tuple[Quantization | None, ...]:

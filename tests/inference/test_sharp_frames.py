@@ -177,9 +177,13 @@ def test_raw_pixels_are_read_from_gray_frames_alone(sharp, dive):
     assert colour[0].limits == pytest.approx(gray[0].limits, abs=0.05)
 
 
-def test_some_frames_are_enough(dive, sharp, monkeypatch):
-    mission = open_mission(dive)
-    numbers = []
+@pytest.mark.parametrize("count", [MAX_FRAMES - 1, MAX_FRAMES + 1, 2 * MAX_FRAMES - 1])
+def test_some_frames_are_enough(tmp_path, dive, monkeypatch, count):
+    """Twenty, of which the least contrast is told as well."""
+    (tmp_path / "some").mkdir()
+    for path in sorted((dive / "Left").glob("*.png"))[:count]:
+        shutil.copy(path, tmp_path / "some")
+    mission, numbers = open_mission(tmp_path / "some"), []
     read = type(mission).read
 
     def counted(self, frame, camera="left"):
@@ -188,7 +192,16 @@ def test_some_frames_are_enough(dive, sharp, monkeypatch):
 
     monkeypatch.setattr(type(mission), "read", counted)
     measure_sharp_frames(mission)
-    assert MAX_FRAMES / 2 < len(numbers) <= MAX_FRAMES < len(mission.frames())
+    assert len(set(numbers)) == len(numbers) == min(count, MAX_FRAMES)
+
+
+def test_sharp_frames_do_for_a_model_whose_own_frames_were_blurred(tmp_path, dive, sharp, model):
+    blind = replace(measure_sharp_frames(open_mission(dive))[0], height=1, width=2, blurred=0.1)
+    content = replace(read_bundle(model).content, sight=(blind,))
+    (tmp_path / "blind.tokt").write_bytes(bundle_bytes(content))
+    command = "run", "--bundle", tmp_path / "blind.tokt", "--source", dive
+    refused("--accept-blind", *command)
+    succeeds(*command, "--sharp-frames", sharp)
 
 
 def test_frames_that_are_blurred_themselves_are_refused(tmp_path, sharp, model):
@@ -208,10 +221,21 @@ def test_frames_that_are_not_there_or_too_small_are_refused(tmp_path, sharp, mod
     refused("no frame can be read that is large enough", *command, tmp_path / "small")
 
 
-def test_a_run_that_its_watchdog_starts_again_does_without_them(tmp_path, dive, model, monkeypatch):
+@pytest.mark.parametrize("sight", ["strict", "loose", "none"])
+@pytest.mark.parametrize("name", ["gone", "x" * 300])
+def test_a_run_that_its_watchdog_starts_again_warns_without_them_and_clears_nothing(
+    tmp_path, dive, model, monkeypatch, name, sight
+):
     monkeypatch.setenv(RESTARTS_VARIABLE, "1")
-    found = run(tmp_path, dive, model, "--sharp-frames", tmp_path / "gone")
-    assert {line["status"] for line in found} == {-1}
+    if sight != "strict":
+        loose = measure_sharp_frames(open_mission(dive)) if sight == "loose" else ()
+        content = replace(read_bundle(model).content, sight=loose)
+        model = tmp_path / "other.tokt"
+        model.write_bytes(bundle_bytes(content))
+    found = run(tmp_path, dive, model, "--sharp-frames", tmp_path / name)
+    judged = lines(tmp_path / "run.jsonl")
+    assert {line["status"] for line in found} == {-1} and len(found) < len(judged)
+    assert all("--sharp-frames: " in line["health"] for line in judged)
 
 
 def test_one_frame_that_cannot_be_read_costs_no_other(dive, sharp):

@@ -148,8 +148,28 @@ def test_gray_frames_have_a_prior_of_their_own():
     assert boundary(both) == boundary(LOOSE) == boundary(LOOSE, gray=True)
     assert WaterPrior.from_json(json.loads(json.dumps(both.to_json()))) == both
     assert "In gray frames: -1.20 and 1.20." in both.words() and "gray" not in LOOSE.words()
-    for wrong in (both.to_json(), 3, {}, [], {**gray.to_json(), "share": 2}):
+    without = {name: value for name, value in gray.to_json().items() if name != "rounds"}
+    odd = ({"share": 2}, {"frames": 4}, {"limit": 1.0})
+    for wrong in (both.to_json(), 3, {}, [], without, *({**gray.to_json(), **one} for one in odd)):
         refuses("water's prior", WaterPrior.from_json, {**LOOSE.to_json(), "gray": wrong})
+
+
+def test_frames_of_the_other_kind_say_nothing_of_a_boundary():
+    """As where a camera switches to infrared."""
+    rng = np.random.default_rng(6)
+    gray = replace(LOOSE, water=-1.6, obstacle=1.2, water_sd=0.8, obstacle_sd=1.0)
+    state = WaterState(replace(LOOSE, gray=gray))
+    colour = np.concatenate([rng.normal(-2.1, 1.0, 80), rng.normal(4.0, 1.5, 20)])
+    infrared = np.concatenate([rng.normal(-1.6, 0.5, 95), rng.normal(1.0, 0.5, 5)])
+    alone = WaterState(gray)
+    alone.begin()
+    expected = alone.judge(infrared)
+    for _ in range(4):
+        state.begin()
+        state.judge(colour)
+    state.begin()
+    assert state.judge(infrared, gray=True) == expected
+    assert (infrared > expected).any()
 
 
 def test_what_is_no_prior_is_refused():

@@ -8,7 +8,7 @@ from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission, parse_frames
-from tokt.features.frames.view_mask import mask_options
+from tokt.features.frames.view_mask import joined, mask_options
 from tokt.inference.sharp_frames import measure_sharp_frames
 from tokt.labels.formats.options import Progress, no_progress
 from tokt.labels.taxonomy import load_taxonomy
@@ -111,15 +111,16 @@ def evaluate(
     bundle = load_model(options.model, workspace)
     if options.fixed_boundary:
         bundle = bundle.with_fixed_boundary()
-    if options.sharp_frames:
-        sharp = open_mission(Path(options.sharp_frames))
-        bundle = bundle.with_sight(measure_sharp_frames(sharp, accept_blind=True))
     if options.patches:
         figures = evaluate_patches(bundle, Path(options.patches), classes, progress)
     else:
         named = paths(options.mission), paths(options.labels)
         missions = labelled_missions(*named, workspace, classes, bundle.grid, notice)
         stated = options.at_sea(missions, notice)
+        if options.sharp_frames:
+            sharp = open_mission(Path(options.sharp_frames))
+            masks = joined(one.mission.masks for one in missions)
+            bundle = bundle.with_sight(measure_sharp_frames(sharp, masks, accept_blind=True))
         figures = evaluate_missions(bundle, missions, classes, progress, wanted, stated)
     for name, boxes in figures.get("always_alarming", {}).items():
         if boxes:

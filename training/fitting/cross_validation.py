@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
@@ -312,7 +313,9 @@ def _tested(task: _Fit) -> Any:
 
 
 _FEWEST_GRAY = 100
-"""Gray patches of obstacles, and as many of water, of fewer of which nothing is expected."""
+_FEWEST_GRAY_DIVES = 5
+"""Gray patches of obstacles, and as many of water, and dives with both, or all that there are where
+they are fewer. Of less nothing is expected: patches of one frame say the same."""
 
 
 def _prior(
@@ -334,11 +337,21 @@ def _prior(
     gray, changed = tested[is_gray], np.flatnonzero(rows_tested(gray_values))
     source = np.concatenate([gray, whole.gray_changes.source[changed]])
     obstacle = flags[targets[source]]
-    if min(obstacle.sum(), (~obstacle).sum()) < _FEWEST_GRAY:
+    of_colour = _dives_with_both(mission[own], flags[targets[own]])
+    enough = min(_FEWEST_GRAY_DIVES, of_colour)
+    if (
+        min(obstacle.sum(), (~obstacle).sum()) < _FEWEST_GRAY
+        or _dives_with_both(mission[source], obstacle) < enough
+    ):
         return prior
     of_changes = obstacle_score(gray_values[changed], whole.obstacle)
     pool = np.concatenate([scores[gray], of_changes])
     return replace(prior, gray=WaterPrior.of(pool, obstacle, mission[source]))
+
+
+def _dives_with_both(dives: NDArray[Any], obstacle: Bools) -> int:
+    """Count the dives that have patches of obstacles and of water."""
+    return len(set(dives[obstacle]) & set(dives[~obstacle]))
 
 
 def _outputs(classes: int) -> int:

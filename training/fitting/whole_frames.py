@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -57,8 +58,9 @@ class WholeFrames:
         at = np.full((len(table), grid.n_patches), -1)
         at[table.of_patch, cell] = np.arange(len(patches))
         at[at < 0] = np.arange(len(patches), at.size)
-        gray = extractor.is_gray(features[at[:, 0]])
-        flags, changes = dataset.obstacle_flags(), [_gray_part(one, extractor) for one in changed]
+        is_gray = partial(extractor.is_gray, of_4_bits=not dataset.pictured.all())
+        gray, flags = is_gray(features[at[:, 0]]), dataset.obstacle_flags()
+        changes = [_gray_part(one, is_gray) for one in changed]
         table_of_changes = ChangedPatches(
             np.concatenate([features[:0], *(one.features for one in changes)]),
             np.concatenate([np.zeros(0, np.int64), *(one.source for one in changes)]),
@@ -93,8 +95,8 @@ class WholeFrames:
         return moved(own, boundary[at][:, None], self.obstacle)
 
 
-def _gray_part(changed: ChangedPatches, extractor: Extractor) -> ChangedPatches:
-    gray = extractor.is_gray(changed.features)
+def _gray_part(changed: ChangedPatches, is_gray: Callable[[F64], Bools]) -> ChangedPatches:
+    gray = is_gray(changed.features)
     return ChangedPatches(changed.features[gray], changed.source[gray])
 
 

@@ -186,7 +186,8 @@ def _with_sharp_frames(bundle: Bundle | None, frames: Mission, sharp: Path | Non
     if bundle is None or not bundle.sight:
         return bundle
     if sharp is not None:
-        return bundle.with_sight(measure_sharp_frames(open_mission(sharp), accept_blind=True))
+        named = open_mission(sharp)
+        return bundle.with_sight(measure_sharp_frames(named, frames.masks, accept_blind=True))
     if not are_mostly_hidden(bundle.sight, frames):
         return bundle
     width, height = frame_size(frames)

@@ -239,3 +239,13 @@ def test_a_frame_without_colour_is_told_by_its_features():
             told = water.is_gray(water.describe(one, DEFAULT_GRID))
             assert told.shape == (100,) and set(told.tolist()) == {is_gray}
         assert not plain.is_gray(plain.describe(gray, DEFAULT_GRID)).any()
+
+
+@pytest.mark.parametrize("size", [(480, 640), (1080, 1920), (2160, 3840)])
+@pytest.mark.parametrize("noise", [1, 4])
+def test_even_water_in_colour_is_not_gray(size, noise):
+    """However little its colours differ from place to place."""
+    water, rng = extractor_named("water"), np.random.default_rng(noise)
+    light = np.linspace(1, 0.9, size[0])[:, None, None] * np.array((135, 108, 54))
+    frame = np.clip(light + rng.normal(0, noise, (*size, 3)), 0, 255).astype(np.uint8)
+    assert not water.is_gray(water.describe(frame, DEFAULT_GRID)).any()
