@@ -83,26 +83,24 @@ def changes_table(dives: Mapping[str, Any], stress: Mapping[str, Any]) -> str:
 
 
 def adapted_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a row for each dive and number of labelled frames, and the means by number."""
+    """Return a row for each dive, a column for each number of labelled frames, and the means."""
+    counts = sorted({one["labelled"] for one in rows})
     lines = []
-    for one in sorted(rows, key=lambda one: (one["labelled"], one["mission"])):
-        before, after = (dict(zip(_BOTH, one[when], strict=True)) for when in ("before", "after"))
-        change = f"{_pair(before)} → {_pair(after)}"
-        worst = f"{one['worst']:+.3f} (`{one['worst_dive']}`)"
-        counts = one["labelled"], f"`{one['mission']}`", f"{one['times']:g}"
-        lines.append([*counts, change, f"{one['mean']:+.3f}", worst])
-    for labelled in sorted({one["labelled"] for one in rows}):
-        of = [one for one in rows if one["labelled"] == labelled]
-        gains = np.mean([np.subtract(one["after"], one["before"]) for one in of], axis=0)
-        change = f"{gains[0]:+.3f} / {gains[1]:+.3f}"
-        mean = f"{np.mean([one['mean'] for one in of]):+.3f}"
-        worst = f"{min(one['worst'] for one in of):+.3f}"
-        lines.append([labelled, f"mean of {len(of)}", "", change, mean, worst])
-    return _table(
-        ("frames labelled", "new dive", "times its share", "its other frames: F1 / AP",
-         "old dives' mean F1", "worst of them"),
-        lines,
-    )  # fmt: skip
+    for name in sorted({one["mission"] for one in rows}):
+        mine = {one["labelled"]: one for one in rows if one["mission"] == name}
+        before = dict(zip(_BOTH, mine[min(mine)]["before"], strict=True))
+        cells = [_adapted([mine[count]]) if count in mine else "" for count in counts]
+        lines.append([f"`{name}`", _pair(before), *cells])
+    means = [_adapted([one for one in rows if one["labelled"] == count]) for count in counts]
+    return _table(("new dive", "0 frames", *counts), [*lines, ["mean, worst of all", "", *means]])
+
+
+def _adapted(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Say what new dives gain in the mean, and the most that an old one loses."""
+    if all(one["worst_dive"] == "refused" for one in rows):
+        return "refused"
+    gains = np.mean([np.subtract(one["after"], one["before"]) for one in rows], axis=0)
+    return f"{gains[0]:+.2f} / {gains[1]:+.2f}; {min(one['worst'] for one in rows):+.3f}"
 
 
 def has_water(dive: Mapping[str, Any]) -> bool:

@@ -39,15 +39,21 @@ def test_changes_that_training_draws_are_told_from_others(maker):
     assert lines.endswith("does not draw | 0.50 / 0.70 | no |\n")
 
 
-def test_adapted_dives_come_by_frames_with_their_means(maker):
-    row = {"labelled": 3, "times": 0.5, "mean": 0.01, "worst": -0.02, "worst_dive": "sea"}
+def test_adapted_dives_have_a_column_for_each_number_of_frames(maker):
+    row = {"times": 0.5, "mean": 0.01, "worst": -0.02, "worst_dive": "sea"}
     rows = [
-        {**row, "mission": "b", "before": [0.5, 0.6], "after": [0.7, 0.8]},
-        {**row, "mission": "a", "before": [0.5, 0.6], "after": [0.5, 0.6]},
+        {**row, "labelled": 3, "mission": "b", "before": [0.5, 0.6], "after": [0.7, 0.8]},
+        {**row, "labelled": 3, "mission": "a", "before": [0.4, 0.6], "after": [0.4, 0.6]},
+        {**row, "labelled": 1, "mission": "a", "before": [0.5, 0.6], "after": [0.5, 0.6]},
     ]
-    lines = maker["adapted_table"](rows).splitlines()
-    assert lines[2] == "| 3 | `a` | 0.5 | 0.50 / 0.60 → 0.50 / 0.60 | +0.010 | -0.020 (`sea`) |"
-    assert lines[-1] == "| 3 | mean of 2 |  | +0.100 / +0.100 | +0.010 | -0.020 |"
+    rows[2] |= {"times": 0, "worst": 0.0, "worst_dive": "refused"}
+    head, _, *lines = maker["adapted_table"](rows).splitlines()
+    assert head == "| new dive | 0 frames | 1 | 3 |"
+    assert lines == [
+        "| `a` | 0.50 / 0.60 | refused | +0.00 / +0.00; -0.020 |",
+        "| `b` | 0.50 / 0.60 |  | +0.20 / +0.20; -0.020 |",
+        "| mean, worst of all |  | refused | +0.10 / +0.10; -0.020 |",
+    ]
 
 
 def test_tables_come_between_their_marks_and_all_are_on_the_page(maker):
