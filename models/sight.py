@@ -178,29 +178,22 @@ def measure_sight(
 def joined_sight(
     known: Sequence[SightLimits], measured: Sequence[SightLimits]
 ) -> tuple[SightLimits, ...]:
-    """Join the limits of a model with those of further frames: what either shows may be judged."""
-    if not known:
-        return tuple(measured)
-    sizes = {(one.height, one.width): one for one in known}
-    for one in measured:
-        before = sizes.get((one.height, one.width))
-        sizes[one.height, one.width] = one if before is None else _wider(before, one)
-    least = min((x.least_contrast for x in (*known, *measured) if x.least_contrast), default=0.0)
-    least = min(least, *(round(LEAST_VISIBLE * one.contrast, 5) for one in sizes.values()))
-    return tuple(replace(one, least_contrast=least) for _, one in sorted(sizes.items()))
+    """Join the limits of a model with those that were measured since.
 
-
-def _wider(one: SightLimits, other: SightLimits) -> SightLimits:
-    """Return limits for frames of one size that pass what either passes."""
-    return replace(
-        one,
-        darkest=min(one.darkest, other.darkest),
-        repeated=max(one.repeated, other.repeated),
-        limits=tuple(map(max, one.limits, other.limits)),
-        blurred=min(one.blurred, other.blurred),
-        contrast=min(one.contrast, other.contrast),
-        least_contrast=0.0,
-    )
+    These replace limits of the same size, which are another camera's: pictures may pass the higher
+    limits of both that pass neither's own. Where they are of too few frames to tell the least
+    contrast, it is that of the model, as far as their own frames have it.
+    """
+    sizes = {(one.height, one.width) for one in measured}
+    others = [one for one in known if (one.height, one.width) not in sizes]
+    least = min((one.least_contrast for one in known if one.least_contrast), default=0.0)
+    told = [
+        one
+        if one.least_contrast
+        else replace(one, least_contrast=min(least, round(LEAST_VISIBLE * one.contrast, 5)))
+        for one in measured
+    ]
+    return tuple(sorted([*others, *told], key=lambda one: (one.height, one.width)))
 
 
 def _least_contrast(dives: Sequence[Sequence[float]], sizes: Sequence[SightLimits]) -> float:
@@ -326,7 +319,8 @@ NOTHING_SEEN = SightLimits(
     limits=(-math.inf,) * len(MEASURES),
     blurred=1.0,
 )
-"""For a camera of which nothing is known: no view is clear, and an obstacle stays one."""
+"""For a camera of which nothing is known: no view is clear, and an obstacle stays one. No file has
+it."""
 UNMEASURED = SightLimits(
     height=1,
     width=1,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import ToktError
+from tokt.features.extractors.water import SD_OF_MAD
 
 FILLED = 0.5
 """Part of a frame's patches above 0 from which on the boundary does not rise above all of them."""
@@ -25,7 +26,6 @@ _STEP = 0.01
 """What the boundary is rounded to, so that last digits of a machine's logarithms do not show."""
 _MOST_ROUNDS = 100  # in each frame: some 2 ms
 _MIN_SD = 0.05
-_SD_OF_MAD = 1.4826  # a normal distribution's standard deviation over its median absolute deviation
 _MAX = 1e6
 
 
@@ -93,7 +93,7 @@ class WaterPrior:
                 values = scores[mine & (obstacle == side)]
                 if len(values):
                     middle = float(np.median(values))
-                    spread = _SD_OF_MAD * float(np.median(np.abs(values - middle)))
+                    spread = SD_OF_MAD * float(np.median(np.abs(values - middle)))
                     known.append((middle, spread))
         share = float(np.mean(shares))
         if not (found[False] and found[True] and 0 < share < 1):

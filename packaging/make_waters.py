@@ -122,7 +122,9 @@ def _bundle(sites: Path, workspace: Path) -> bytes:
     (changes,) = settings.changes
     features = cached_features(pictures, spec, cache, _progress, whole_frames=True)
     changed = changed_patches(pictures, spec, changes, cache, _progress)
-    plan = plan_of_rows(pictures, f"tokt-{WATERS}", spec, changes, features, changed, FRAMES_A_DIVE)
+    plan = plan_of_rows(
+        pictures, f"tokt-{WATERS}", extractor, changes, features, changed, FRAMES_A_DIVE
+    )
     # It learns from what it carries: so training that goes on from it begins where it ended.
     rows = write_dataset(plan, workspace / "datasets", _progress)
     request = TrainRequest(

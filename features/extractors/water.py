@@ -5,6 +5,7 @@ quietest patches of its own frame, or from the smooth field of colour that the w
 does so much less.
 """
 
+import re
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -159,7 +160,8 @@ _RIDGE = 1e-2 * np.diag([0.0, 1, 1, 3, 3, 3])  # so that few quiet patches give 
 _FRAME_PARTS = (0.1, 0.5, 0.9)  # quantiles over a frame's patches
 _GRAY, _GRAY_OF_4_BITS = 1e-3, 0.35
 """How far the logarithms of a frame's energies of colour are from those of no colour at most, where
-it has none; and where 4 bits are kept of them. Noise of one grey level is 0.3 away and more."""
+it has none; and where 4 bits are kept of them. Rendered even water with noise of one grey level is
+0.48 away at 640x480, 0.11 at 1920x1080 and 0.05 at 3840x2160."""
 
 
 class WaterContrast(Extractor):
@@ -203,9 +205,11 @@ class WaterContrast(Extractor):
             *(f"frame_{kind}.{name}" for kind in ("low", "middle", "high") for name in energies),
         )
         self.dim = len(self.names)
-        low = np.array([name.startswith("frame_low.colour_") for name in self.names])
-        self._of_gray = np.where(low, np.log(_NO_COLOUR_ENERGY), 0.0)
-        self._colours = np.array(["frame_" in name and ".colour_" in name for name in self.names])
+        # Where the frame's energies of colour stand, and what they are without any.
+        colours = [name for name in self.names if re.match(r"frame_\w+\.colour_", name)]
+        low = np.array([name.startswith("frame_low.") for name in colours], bool)
+        self._colours = [self.names.index(name) for name in colours]
+        self._no_colour = np.where(low, np.log(_NO_COLOUR_ENERGY), 0.0)
         self._spec = {
             "name": "water_contrast",
             "version": SPEC_VERSION,
@@ -216,9 +220,9 @@ class WaterContrast(Extractor):
 
     def is_gray(self, features: F64, *, of_4_bits: bool = False) -> Bools:
         """Tell of each row of features whether its frame has no colour, shape (n,)."""
-        if not self._colours.any():
+        if not self._colours:
             return super().is_gray(features)
-        off = np.abs(features - self._of_gray)[:, self._colours]
+        off = np.abs(features[:, self._colours] - self._no_colour)
         return np.asarray((off < (_GRAY_OF_4_BITS if of_4_bits else _GRAY)).all(axis=1), bool)
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
@@ -292,10 +296,11 @@ def off_field(colours: F64, energy: F64, grid: Grid) -> F64:
         weighted = basis * weight[:, None]
         field = np.linalg.solve(weighted.T @ basis + _RIDGE, weighted.T @ known)
         off = known - basis @ field
-        spread = _SD_OF_MAD * np.median(np.abs(off), axis=0) + _LEAST_SPREAD
+        spread = SD_OF_MAD * np.median(np.abs(off), axis=0) + _LEAST_SPREAD
         weight = 1 / (1 + (off / (2 * spread)) ** 2).mean(axis=1)
     return np.asarray(colours - _field_basis(grid) @ field)
 
 
-_SD_OF_MAD = 1.4826  # a normal distribution's standard deviation over its median absolute deviation
+SD_OF_MAD = 1.4826
+"""A normal distribution's standard deviation over its median absolute deviation."""
 _LEAST_SPREAD = 0.3  # units of Lab: of a field that fits to the last digit

@@ -70,7 +70,7 @@ def open_observers(
     opened: ExitStack,
     nmea_fault: Callable[[], str],
     naming: ObjectNaming,
-    sight: tuple[SightLimits, ...] = (),
+    sight: tuple[SightLimits, ...] | None,
 ) -> Observers:
     """Everybody that was asked for; closed with `opened`."""
     run, wanted, model = new_run_id(SYSTEM_CLOCK), config.recording, config.model
@@ -114,9 +114,13 @@ def open_observers(
 
         lines = (LinesApart if source.live else JsonLines)(model.shadow_log, rotation)
         other = model_named(model.shadow)
-        named = other.label, other.sha256, other.data
         challenger = Challenger(
-            *(*named, config.policy.policy, pairs, model.threads),
+            label=other.label,
+            sha256=other.sha256,
+            data=other.data,
+            policy=config.policy.policy,
+            stereo=pairs,
+            threads=model.threads,
             moving=config.policy.moving,
             sight=sight,
         )

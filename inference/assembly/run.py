@@ -269,7 +269,7 @@ def _start_event(config: RunConfig, model: RunModel, source: Source, masks: Came
         model_fault=model.fault,
         model_note=model.note,
         masks=masks.to_json() if masks else None,
-        sight=sight_to_json(model.sight) if model.sight else None,
+        sight=None if model.sight is None else sight_to_json(model.sight),
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
     )
     again = restarts()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from tokt.inference.monitoring.watchdog import restarts
 from tokt.inference.policy.assembly import Assembly
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import Bundle, read_bundle
-from tokt.models.sight import NOTHING_SEEN, SightLimits
+from tokt.models.sight import SightLimits
 from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
 
@@ -33,8 +32,9 @@ class RunModel:
         self.bundle: Bundle | None = None  # it, once loaded
         self.fault = ""  # why it could not be loaded
         self.notes: list[str] = []  # why it is not the store's active one
-        self.sight: tuple[SightLimits, ...] = ()  # of the frames that the options call sharp
-        self.sight_fault = ""  # why it has none, though they do
+        # Of the frames that the options call sharp: None without that option, empty without them.
+        self.sight: tuple[SightLimits, ...] | None = None
+        self.sight_fault = ""  # why it is empty
         self._wanted, self._pixel_format = config.model, config.source.pixel_format
         self._masks_of = masks_of  # what is no view in a run of a model
 
@@ -54,7 +54,7 @@ class RunModel:
             # Started again by its watchdog it still has to warn: only clear needs these frames.
             if not restarts():
                 raise
-            self.sight_fault = f"--sharp-frames: {error}"
+            self.sight, self.sight_fault = (), f"--sharp-frames: {error}"
 
     @property
     def loader(self) -> Callable[[], Bundle] | None:
@@ -83,15 +83,13 @@ class RunModel:
 
     def check_sight(self, running: Bundle) -> None:
         """Raise ToktError if a model may call clear what shows nothing, unless that is accepted."""
-        if not self.sight:  # that of sharp frames was checked as it was measured
+        if self.sight is None:  # that of sharp frames was checked as it was measured
             running.check_sight(self._wanted.accept_blind)
 
     def as_it_runs(self, bundle: Bundle) -> Bundle:
         """Return a model with its boundary and its sight as the options want them."""
-        if self.sight:
+        if self.sight is not None:
             bundle = bundle.with_sight(self.sight)
-        if self.sight_fault:
-            bundle = replace(bundle, sight=(NOTHING_SEEN,))
         return bundle.with_fixed_boundary() if self._wanted.fixed_boundary else bundle
 
     @property

@@ -80,7 +80,8 @@ class RunStart:
     fixed_boundary: bool = False  # whether the boundary was left where training put it
     moving: str | None = NEAR  # which moving things are avoided; None: nobody looked for them
     masks: Mapping[str, Any] | None = None  # what is no view, as `CameraMasks.to_json` gives it
-    # What the frames of --sharp-frames show, as `sight_to_json` gives it; None without.
+    # What the frames of --sharp-frames show, as `sight_to_json` gives it: no sizes where they were
+    # gone as a watchdog started the run again. None without that option.
     sight: Mapping[str, Any] | None = None
     software: Mapping[str, str] = field(default_factory=software)
 
@@ -121,8 +122,12 @@ def _text(value: Any) -> str:
 
 
 _LATER = {
-    **{"model_note": "", "anchor": None, "fixed_boundary": False, "moving": None},
-    **{"masks": None, "sight": None},
+    "model_note": "",
+    "anchor": None,
+    "fixed_boundary": False,
+    "moving": None,
+    "masks": None,
+    "sight": None,
 }
 """What the first logs do not have."""
 _READ: dict[str, Callable[[Any], Any]] = {

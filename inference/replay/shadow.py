@@ -58,7 +58,7 @@ class Challenger:
     stereo: StereoSetup | None = None
     threads: int = 1
     moving: str = NEAR
-    sight: tuple[SightLimits, ...] = ()  # of the frames that the run's options call sharp
+    sight: tuple[SightLimits, ...] | None = None  # as `RunModel` has it
 
     def __post_init__(self) -> None:
         if self.policy == "disparity":
@@ -69,7 +69,7 @@ class Challenger:
 
         def load() -> Bundle:
             bundle = bundle_from_bytes(self.data, self.label)
-            return bundle.with_sight(self.sight) if self.sight else bundle
+            return bundle if self.sight is None else bundle.with_sight(self.sight)
 
         # Never late: how long it takes behind the running model is told, and no fault.
         return assemble(

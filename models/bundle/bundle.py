@@ -65,7 +65,14 @@ from tokt.models.frame_sizes import Size
 from tokt.models.linear import LinearModel, moved
 from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
-from tokt.models.sight import SightLimits, blindness, sight_from_json, sight_to_json
+from tokt.models.sight import (
+    NOTHING_SEEN,
+    SightLimits,
+    blindness,
+    joined_sight,
+    sight_from_json,
+    sight_to_json,
+)
 from tokt.models.water import WaterState
 
 from .signature import MEMBER as SIGNATURE
@@ -180,12 +187,10 @@ class Bundle(BundleContent):
     def with_sight(self, measured: Sequence[SightLimits]) -> Self:
         """Return the same model for a camera with these limits; its file and hash stay.
 
-        Limits of other sizes stay, too. Those of the same size are another camera's: pictures may
-        pass the higher limits of both that pass neither's own.
+        With none it says clear of nothing.
         """
-        sizes = {(one.height, one.width) for one in measured}
-        others = [one for one in self.sight if (one.height, one.width) not in sizes]
-        return replace(self, sight=(*others, *measured))
+        sight = joined_sight(self.sight, measured) if measured else (NOTHING_SEEN,)
+        return replace(self, sight=sight)
 
     @property
     def label(self) -> str:

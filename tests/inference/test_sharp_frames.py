@@ -126,7 +126,7 @@ def test_limits_of_the_same_size_are_taken_for_those_of_another_camera(dive, sha
     measured = measure_sharp_frames(mission)
     known = [replace(measured[0], limits=(99.0,) * 9), *measure_sight(noisy(480, 640))]
     bundle = replace(read_bundle(model), sight=tuple(known)).with_sight(measured)
-    assert set(bundle.sight) == {known[1], *measured}
+    assert [one.limits for one in bundle.sight] == [measured[0].limits, known[1].limits]
 
 
 def test_the_mask_of_the_run_is_that_of_the_sharp_frames(tmp_path, dive, sharp, model):
@@ -236,6 +236,10 @@ def test_a_run_that_its_watchdog_starts_again_warns_without_them_and_clears_noth
     judged = lines(tmp_path / "run.jsonl")
     assert {line["status"] for line in found} == {-1} and len(found) < len(judged)
     assert all("--sharp-frames: " in line["health"] for line in judged)
+    # A replay judges as that run did.
+    monkeypatch.delenv(RESTARTS_VARIABLE)
+    said = succeeds("replay", tmp_path / "run.jsonl", "--source", dive, "--bundle", model)
+    assert "the same" in said.out + said.err
 
 
 def test_one_frame_that_cannot_be_read_costs_no_other(dive, sharp):
@@ -254,6 +258,10 @@ def test_evaluate_takes_them_too(tmp_path, tiny, dive, sharp, model):
         return json.loads(succeeds(*command, *options).out)["frames"]["unknown"]
 
     assert unknown() > unknown("--sharp-frames", sharp) == 0
+    other = tmp_path / "other.csv"
+    other.write_text(tiny.labels.read_text().replace("tiny,", "other,"))
+    both = *command, "--mission", f"other={dive}", "--labels", other, "--sharp-frames", sharp
+    refused("goes with one mission", *both)
     refused("go with --mission", "evaluate", model, "--patches", sharp, "--sharp-frames", dive)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission, parse_frames
-from tokt.features.frames.view_mask import joined, mask_options
+from tokt.features.frames.view_mask import mask_options
 from tokt.inference.sharp_frames import measure_sharp_frames
 from tokt.labels.formats.options import Progress, no_progress
 from tokt.labels.taxonomy import load_taxonomy
@@ -119,7 +119,9 @@ def evaluate(
         stated = options.at_sea(missions, notice)
         if options.sharp_frames:
             sharp = open_mission(Path(options.sharp_frames))
-            masks = joined(one.mission.masks for one in missions)
+            if len(missions) > 1:
+                raise ToktError("--sharp-frames goes with one mission")
+            masks = missions[0].mission.masks
             bundle = bundle.with_sight(measure_sharp_frames(sharp, masks, accept_blind=True))
         figures = evaluate_missions(bundle, missions, classes, progress, wanted, stated)
     for name, boxes in figures.get("always_alarming", {}).items():

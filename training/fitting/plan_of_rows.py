@@ -1,13 +1,12 @@
 """The plan of a dataset that holds rows of features in place of another one's pictures."""
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from tokt.features.common.arrays import F64
-from tokt.features.extractors.extractor import build_extractor
+from tokt.features.extractors.textures import Extractor
 from tokt.training.datasets.changed_patches import ChangedPatches, stored_rows
 from tokt.training.datasets.dataset import (
     FRAME_KEY,
@@ -26,7 +25,7 @@ from .whole_frames import WholeFrames
 def plan_of_rows(
     dataset: DatasetVersion,
     name: str,
-    spec: dict[str, Any],
+    extractor: Extractor,
     changes: str,
     features: F64,
     changed: ChangedPatches,
@@ -40,8 +39,9 @@ def plan_of_rows(
         The one with the pictures; all of its missions have one grid.
     name : str
         What the new one is called.
-    spec, changes
-        The extractor's spec, and the name of the random changes.
+    extractor : Extractor
+    changes : str
+        The name of the random changes.
     features : array of float64, shape (n_frames * n_patches, dim)
         As `cached_features` has those of whole frames.
     changed : ChangedPatches
@@ -49,7 +49,7 @@ def plan_of_rows(
     frames_a_dive : int
         So many frames of each dive are kept at most, evenly spread.
     """
-    whole = WholeFrames.of(dataset, features, build_extractor(spec))
+    whole = WholeFrames.of(dataset, features, extractor)
     keys = frame_table(dataset).keys
     listed = dataset.frames.set_index(FRAME_KEY)
     sources: list[FrameSource] = []
@@ -62,7 +62,7 @@ def plan_of_rows(
             stored = stored_rows(changed, mine, whole.cell[mine])
             digest = listed.loc[tuple(keys.loc[frame, FRAME_KEY])].digest
             rows.append(FrameRows(digest, features[whole.at[frame]], *stored))
-        file = rows_file(rows, spec, changes)
+        file = rows_file(rows, extractor.spec, changes)
         for frame, one in zip(kept, rows, strict=True):
             mission, camera, number, group = keys.loc[frame]
             about = listed.loc[mission, camera, number]

@@ -38,8 +38,6 @@ _SIGHT_FRAMES = 60
 _MAX_DESCRIPTION = 5000  # what MLflow's database keeps of one
 _MAX_KEY = 250  # characters that MLflow keeps of a metric's name
 _NOT_IN_A_NAME = re.compile(r"[^\w.\- ]")  # of a metric; missions are called as folders are
-_LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn")
-_MLFLOW = f"mlflow {mlflow.__version__}"  # of mlflow or mlflow-skinny
 
 
 def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:

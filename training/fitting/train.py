@@ -148,8 +148,10 @@ def fit_and_measure(
         changed_patches(dataset, spec, name, cache, progress, jobs, dask)
         for name in settings.changes
     ]
+    # Priors are chosen on frames as they are, so that these alone need the changed ones.
     whole = {
-        name: WholeFrames.of(dataset, tables[name], request.extractor, changed) for name in judged
+        name: WholeFrames.of(dataset, tables[name], request.extractor, () if name else changed)
+        for name in judged
     }
     tables = {name: table[: len(dataset.patches)] for name, table in tables.items()}
     # One thread, so that sums are added up in the same order on every machine.

@@ -42,7 +42,7 @@ def carrying(tiny_dive, begun, done, told, tmp_path_factory):
     spec, cache = bundle.extractor.spec, workspace / "cache"
     features = cached_features(pictures, spec, cache, quiet, 1, whole_frames=True)
     changed = changed_patches(pictures, spec, CHANGES, cache, quiet, 1)
-    plan = plan_of_rows(pictures, "begin", spec, CHANGES, features, changed, KEPT)
+    plan = plan_of_rows(pictures, "begin", bundle.extractor, CHANGES, features, changed, KEPT)
     rows = write_dataset(plan, folder / "rows", quiet)
     data = bundle_bytes(replace(bundle.content, name="begin", dataset=carried_bytes(rows, logged)))
     new = folder / "night", tiny_dive(folder / "night", range(1, 41), 0.6, FRAMES)
