@@ -21,7 +21,7 @@ from tokt.models.operating_point import (
     missed_before,
 )
 from tokt.training.datasets.dataset import FRAME_KEY
-from tokt.training.datasets.splits import block_of
+from tokt.training.datasets.folds import block_of
 from tokt.training.evaluation.approaches import (
     NOTHING_STATED,
     AtSea,

@@ -19,8 +19,8 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.operating_point import MAX_WINDOW, frame_step, missed_before
 from tokt.training.datasets.dataset import FRAME_KEY, PATCH_COLUMNS
+from tokt.training.datasets.folds import BLOCK_FRAMES, block_of
 from tokt.training.datasets.mission_source import LabelledMission
-from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
 from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, known_distances
 from tokt.training.evaluation.evaluate import (
     classes_and_targets,

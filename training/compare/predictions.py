@@ -13,7 +13,7 @@ from tokt.models.bundle.bundle import Bundle
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
-from tokt.training.datasets.splits import held_out_together
+from tokt.training.datasets.folds import held_out_together
 from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, KnownDistances
 from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics
 from tokt.training.fitting.cross_validation import BLOCKS, DIVES

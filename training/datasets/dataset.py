@@ -43,9 +43,9 @@ from tokt.features.frames.view_mask import CameraMasks, ViewMask, masks_by_missi
 from tokt.inference.sight import unseen_causes
 from tokt.labels.taxonomy import Taxonomy
 
+from .folds import joined_names
 from .frame_rows import SUFFIX as ROWS
 from .frame_rows import file_name
-from .splits import joined_names
 
 FORMAT_VERSION = 1
 TASKS = ("binary", "classes")

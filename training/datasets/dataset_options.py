@@ -12,8 +12,8 @@ from tokt.labels.taxonomy import load_taxonomy
 from tokt.training.options import Notice, OneOrMore, PathOrText, at_least, paths, takes
 
 from .dataset import DatasetVersion, thin_classes, write_dataset
+from .folds import BLOCK_FRAMES, FOLDS
 from .mission_source import labelled_missions, plan_from_missions, plan_from_patch_folder
-from .splits import BLOCK_FRAMES, FOLDS
 
 
 @dataclass(frozen=True)

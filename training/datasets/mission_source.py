@@ -23,9 +23,9 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.training.options import Notice
 
 from .dataset import PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
+from .folds import BLOCK_FRAMES, block_of
 from .frame_rows import SUFFIX as ROWS
 from .mission_list import named_missions
-from .splits import BLOCK_FRAMES, block_of
 
 PATCH_GRID = Grid(1, 1, None)
 """Of ready-cut patches, which are frames of one patch at their own size."""

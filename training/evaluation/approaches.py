@@ -28,7 +28,7 @@ from tokt.inference.stereo.disparity import (
 )
 from tokt.inference.verdict import OBSTACLE
 from tokt.models.operating_point import frame_step
-from tokt.training.datasets.splits import BLOCK_FRAMES
+from tokt.training.datasets.folds import BLOCK_FRAMES
 
 from .metrics import BOUND_CONFIDENCE, upper_bound
 

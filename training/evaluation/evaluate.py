@@ -24,8 +24,8 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import frame_step, missed_before
 from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
+from tokt.training.datasets.folds import block_of
 from tokt.training.datasets.mission_source import PATCH_GRID, LabelledMission, patch_images
-from tokt.training.datasets.splits import block_of
 
 from .approaches import (
     NOTHING_STATED,

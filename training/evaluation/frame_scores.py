@@ -21,7 +21,7 @@ from tokt.models.operating_point import (
     missed_before,
 )
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
-from tokt.training.datasets.splits import block_of
+from tokt.training.datasets.folds import block_of
 
 from .approaches import KnownDistances, approach_figures, approaches, false_status_per_hour
 

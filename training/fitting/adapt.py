@@ -24,7 +24,7 @@ from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import FULL_DIVE, Fold
+from tokt.training.datasets.folds import FULL_DIVE, Fold
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.evaluation.old_dives import falls
 from tokt.training.parallel import mapped

@@ -17,7 +17,7 @@ from sklearn.svm import LinearSVC
 from tokt.features.common.arrays import F64, I64
 from tokt.models.linear import LinearModel
 from tokt.training.datasets.changed_patches import ChangedPatches
-from tokt.training.datasets.splits import Dives
+from tokt.training.datasets.folds import Dives
 
 from .presets import Hyperparameters, TrainingSettings
 

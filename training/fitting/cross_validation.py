@@ -21,7 +21,7 @@ from tokt.models.linear import LinearModel, obstacle_score
 from tokt.models.operating_point import MofNRule
 from tokt.models.water import WaterPrior
 from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion
-from tokt.training.datasets.splits import (
+from tokt.training.datasets.folds import (
     MAX_HELD_OUT_ALONE,
     MAX_JUDGED,
     Dives,

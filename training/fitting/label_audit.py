@@ -48,7 +48,7 @@ from tokt.training.datasets.dataset import (
     open_dataset,
 )
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold
+from tokt.training.datasets.folds import EMBARGO_FRAMES, FOLDS, Fold
 
 from .classifier import Tables, decision_values, fit_rows
 from .cross_validation import Split, check_features, choose_hyperparameters

@@ -18,7 +18,7 @@ from tokt.features.common.machine import machine
 from tokt.features.common.terminal import say
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.training.datasets.splits import BLOCK_FRAMES, FOLDS
+from tokt.training.datasets.folds import BLOCK_FRAMES, FOLDS
 
 from .cost import Cost, watched
 from .mission import ScaleMission

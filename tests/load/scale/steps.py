@@ -21,8 +21,8 @@ from tokt.features.frames.mission import open_mission
 from tokt.labels.taxonomy import Taxonomy
 from tokt.training.datasets.dataset import DatasetVersion, open_dataset, write_dataset
 from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.folds import EMBARGO_FRAMES, FOLDS
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions, read_labels
-from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS
 from tokt.training.fitting.classifier import fit_rows
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import settings_named

@@ -19,8 +19,8 @@ from tokt.training.datasets.changed_patches import (
     changed_patches,
 )
 from tokt.training.datasets.dataset import open_dataset
+from tokt.training.datasets.folds import Dives
 from tokt.training.datasets.frame_changes import WIDTH, at_width, changed
-from tokt.training.datasets.splits import Dives
 from tokt.training.fitting.classifier import fit_rows
 from tokt.training.fitting.presets import Hyperparameters, settings_named
 

@@ -29,7 +29,7 @@ from tokt.training.datasets.dataset import (
     write_dataset,
 )
 from tokt.training.datasets.diff import diff_datasets
-from tokt.training.datasets.splits import blocked_folds
+from tokt.training.datasets.folds import blocked_folds
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from tests.fixtures import quiet, write_labels
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import Dives
+from tokt.training.datasets.folds import Dives
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.fitting import adapt
 from tokt.training.fitting.adapt import adaptation, adapted_request, known_model

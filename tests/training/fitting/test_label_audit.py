@@ -7,7 +7,7 @@ from tokt.labels.formats.audit_csv import read_audit
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.registry.registry import Registry
-from tokt.training.datasets.splits import Fold
+from tokt.training.datasets.folds import Fold
 from tokt.training.fitting.label_audit import believable
 
 PLANTED = [(5, 0, 0), (6, 9, 9), (17, 1, 2), (18, 8, 0), (29, 4, 29 % 8), (30, 5, 30 % 8 + 1)]

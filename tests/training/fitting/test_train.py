@@ -27,7 +27,7 @@ from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import FULL_DIVE, Dives, Fold, blocked_folds
+from tokt.training.datasets.folds import FULL_DIVE, Dives, Fold, blocked_folds
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting import classifier, cross_validation
 from tokt.training.fitting.classifier import decision_values, fit_classifier, fit_rows, linear_model

@@ -26,7 +26,7 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.registry.registry import Registry
 from tokt.models.store.store import Store
 from tokt.training.compare.bootstrap import compare_f1
-from tokt.training.datasets import mission_source, splits
+from tokt.training.datasets import folds, mission_source
 from tokt.training.datasets.dataset import write_dataset
 from tokt.training.evaluation.evaluate import evaluate_missions, score_mission
 from tokt.training.fitting.classifier import decision_values
@@ -62,8 +62,8 @@ def _empty_folder(out: Path, *kept: Path | None) -> None:
 def block_rule(records: list[LabelRecord]) -> tuple[int, int]:
     """Frames a block and frames of embargo: the usual ones, or less for a short mission."""
     labelled = len({record.frame for record in records})
-    block = min(splits.BLOCK_FRAMES, max(2, labelled // _MIN_BLOCKS))
-    return block, splits.EMBARGO_FRAMES * block // splits.BLOCK_FRAMES
+    block = min(folds.BLOCK_FRAMES, max(2, labelled // _MIN_BLOCKS))
+    return block, folds.EMBARGO_FRAMES * block // folds.BLOCK_FRAMES
 
 
 def hold_back(
@@ -79,7 +79,7 @@ def hold_back(
         (
             r.mission,
             r.frame,
-            splits.block_of(r.mission, r.frame, block_frames),
+            folds.block_of(r.mission, r.frame, block_frames),
             is_obstacle(str(r.label)),
         )
         for r in records
@@ -87,7 +87,7 @@ def hold_back(
     ]
     table = pd.DataFrame(rows, columns=["mission", "frame", "group", "obstacle"])
     targets = table.obstacle.to_numpy(np.int64)
-    fold = splits.every_nth_block(table, targets, _HOLD_BACK_EVERY, embargo_frames)
+    fold = folds.every_nth_block(table, targets, _HOLD_BACK_EVERY, embargo_frames)
     frames = table.frame.to_numpy()
     return sorted(set(frames[fold.train].tolist())), sorted(set(frames[fold.test].tolist()))
 
@@ -120,7 +120,7 @@ def _prepare(out: Path, mission: Path, labels: Path | None, say: Notice) -> Demo
 def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Progress) -> None:
     for name, extractor, preset in (*_CANDIDATES, *_BASELINES):
         chosen, settings = extractor_for(extractor, preset), settings_named(preset)
-        split = Split(splits.FOLDS, run.embargo_frames)
+        split = Split(folds.FOLDS, run.embargo_frames)
         request = TrainRequest(run.dataset, name, chosen, extractor, settings, split)
         run.trained[name] = fit_and_measure(request, workspace / "cache", progress)
         log_and_register(run.trained[name], registry)

@@ -1,7 +1,7 @@
 """Models trained for a mission: tokt's texture, held out or of all labels, and superpixels'.
 
 A frame of the mission is judged by a model that never saw it (`held_out_texture`): models learn
-from labelled blocks of frames and judge the others (`tokt.training.datasets.splits`). A frame that
+from labelled blocks of frames and judge the others (`tokt.training.datasets.folds`). A frame that
 is labelled is judged by the model of the fold that tests it; one without labels by the model whose
 training frames are farthest from it, if they are beyond the embargo.
 
@@ -25,8 +25,8 @@ from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.operating_point import MofNRule, frame_step, missed_before
 from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.dataset import DatasetVersion, write_dataset
+from tokt.training.datasets.folds import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
-from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 from tokt.training.fitting import presets
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
 from tokt.training.fitting.classifier import decision_values, fit_rows, linear_model

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
-from tokt.training.datasets.splits import (
+from tokt.training.datasets.folds import (
     FULL_DIVE,
     Dives,
     block_of,
