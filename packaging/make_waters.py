@@ -28,9 +28,9 @@ from tokt.training.datasets.dataset import PATCH_KEY, write_dataset
 from tokt.training.datasets.dataset_options import build_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.folds import EMBARGO_FRAMES, FOLDS
+from tokt.training.datasets.split import Split
 from tokt.training.fitting.carried import carried_bytes
 from tokt.training.fitting.contents import content_of, recipe_of
-from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.drift_limits import training_distribution
 from tokt.training.fitting.plan_of_rows import plan_of_rows
 from tokt.training.fitting.presets import (

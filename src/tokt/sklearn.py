@@ -46,10 +46,9 @@ from tokt.features.extractors.extractor import Extractor, build_extractor, extra
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion, open_dataset
-from tokt.training.datasets.folds import EMBARGO_FRAMES, FOLDS, Fold, dive_folds
+from tokt.training.datasets.folds import BLOCK, DIVE, EMBARGO_FRAMES, FOLDS, Fold, dive_folds
 from tokt.training.datasets.mission_source import PATCH_GRID
-from tokt.training.fitting.choose_operating_point import BLOCK, DIVE
-from tokt.training.fitting.cross_validation import Split
+from tokt.training.datasets.split import Split
 
 __all__ = ["LBP", "DiveSplit", "Haralick", "PatchFeatures", "Patches", "WaterFeatures"]
 __all__ += ["load_dataset", "patches_of"]

@@ -190,7 +190,7 @@ CASES = {
     "dataset unknown": (nothing, "dataset show x", r"no dataset 'x' \(there are: tiny\)"),
     # training
     "train on nothing": (nothing, "train x --extractor lbp", "no dataset 'x'"),
-    "fewer groups than folds": (nothing, f"{TRAIN} --folds 12", "11 groups.*too few for 12"),
+    "fewer blocks than folds": (nothing, f"{TRAIN} --folds 12", "11 blocks.*too few for 12"),
     "unknown extractor": (nothing, f"{TRAIN} --extractor sift", "unknown extractor 'sift'"),
     "model name": (nothing, f"{TRAIN} --name a/b", "model name 'a/b'"),
     "thesis image missing": (

@@ -13,7 +13,7 @@ from tokt.inference.outputs.udp import FORMATS
 from tokt.inference.policy.assembly import STEREO_ALGORITHMS
 from tokt.inference.policy.policy import POLICIES
 from tokt.training.datasets.dataset import TASKS
-from tokt.training.fitting.cross_validation import BLOCK, DIVE, PATCH
+from tokt.training.datasets.split import BLOCK, DIVE, PATCH
 from tokt.training.fitting.presets import PRESETS, weighted
 from tokt.training.rig.calibrate.self_calibration import PARTS
 

@@ -39,7 +39,7 @@ from tokt.sklearn import (
 )
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.fitting.cross_validation import Split
+from tokt.training.datasets.split import Split
 from tokt.training.fitting.presets import settings_named
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
 

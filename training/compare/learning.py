@@ -19,8 +19,8 @@ from tokt.training.datasets.changed_patches import ChangedPatches, changed_patch
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.folds import Fold
+from tokt.training.datasets.split import BLOCKS, Split
 from tokt.training.fitting.classifier import decision_values, fit_rows, linear_model
-from tokt.training.fitting.cross_validation import BLOCKS, Split
 from tokt.training.fitting.presets import Hyperparameters, TrainingSettings
 
 from .bootstrap import ComparisonMetric, block_numbers, drawn_blocks, interval, summed

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import norm
 
 from tokt.features.common.arrays import F64
-from tokt.training.fitting.cross_validation import DIVES
+from tokt.training.datasets.split import DIVES
 
 from .bootstrap import (
     CONFIDENCE,

@@ -14,9 +14,9 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.folds import held_out_together
+from tokt.training.datasets.split import BLOCKS, DIVES
 from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, KnownDistances
 from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics
-from tokt.training.fitting.cross_validation import BLOCKS, DIVES
 
 from .bootstrap import block_numbers
 from .frames import FrameSeries, frame_figures, statuses

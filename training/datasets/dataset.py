@@ -12,10 +12,11 @@ On disk, below the workspace::
 The hash is SHA-256 over everything that can change what a model learns: task, grid, taxonomy,
 every patch's label and group, every frame's pixels. It does not cover the dataset's name, nor
 how a frame's file is compressed, nor the missions' `sites`, which are only there where some were
-given: they say how to test, not what is learnt. It covers the names of files of rows, and so their
-content. `unsure` patches are counted, never stored. The
-missions' `masks`, where there are any, are covered by the hash: frames are stored as the camera
-gave them, and read with what is no view covered.
+given: they say how to test, not what is learnt. The same goes for `single_pictures`, the missions
+whose frames are no sequence, each with how that is known. It covers the names of files of rows, and
+so their content. `unsure` patches are counted, never stored. The missions' `masks`, where there are
+any, are covered by the hash: frames are stored as the camera gave them, and read with what is no
+view covered.
 
 To change the format: raise FORMAT_VERSION, keep reading the old one, prove it with a test.
 """
@@ -48,7 +49,8 @@ from .frame_rows import SUFFIX as ROWS
 from .frame_rows import file_name
 
 FORMAT_VERSION = 1
-TASKS = ("binary", "classes")
+BINARY = "binary"
+TASKS = (BINARY, "classes")
 CLEAR, OBSTACLE = "clear", "obstacle"
 _NAME = re.compile(r"[\w-][\w.-]*")
 HASH_CHARS = 16
@@ -93,6 +95,8 @@ class DatasetPlan:
     sources: list[str]  # for people: what was read; not part of the hash
     sites: dict[str, str] = field(default_factory=dict)  # by mission, if known; not of the hash
     masks: dict[str, CameraMasks] = field(default_factory=dict)  # by mission, where it has any
+    # Missions whose frames are no sequence, each with how that is known.
+    single_pictures: dict[str, str] = field(default_factory=dict)
 
 
 class DatasetVersion:
@@ -110,6 +114,8 @@ class DatasetVersion:
             self.grid = Grid.from_json(self.info["grid"])
             # The site of each mission whose site was given; empty in older datasets.
             self.sites: dict[str, str] = self.info.get("sites", {})
+            # Missions whose frames are no sequence; empty in older datasets.
+            self.single_pictures = tuple(sorted(self.info.get("single_pictures", {})))
             if not isinstance(self.sites, dict):
                 raise TypeError
         except (OSError, ValueError, KeyError, TypeError):
@@ -228,23 +234,6 @@ class DatasetVersion:
         return np.asarray(self.obstacle_flags(), bool)[self.targets()]
 
 
-def thin_classes(dataset: DatasetVersion, wanted: int) -> list[str]:
-    """A line for each class that stands in fewer than `wanted` groups of frames.
-
-    Each group of such a class is a large part of what is known of it: a model may learn the place
-    instead of the class, and figures hang on a few frames.
-    """
-    targets = dataset.targets()
-    groups = dataset.patches.group.groupby(targets).nunique()
-    lines = []
-    for target, n in groups[groups < wanted].items():
-        labels = ", ".join(sorted(dataset.patches.label[targets == target].unique()))
-        what = "group of frames" if n == 1 else "groups of frames"
-        so = "it cannot be held out, so training will refuse" if n == 1 else "its figures are rough"
-        lines.append(f"{labels} is in {n} {what} only: {so}; label it in {wanted} or more")
-    return lines
-
-
 def read_stored_frame(path: Path, digest: str, mask: ViewMask | None = None) -> U8:
     """A dataset's frame file, its mask covered.
 
@@ -352,6 +341,7 @@ def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> 
         "sources": plan.sources,
         **({"sites": plan.sites} if plan.sites else {}),
         **({"masks": masks} if masks else {}),
+        **({"single_pictures": plan.single_pictures} if plan.single_pictures else {}),
     }
 
 

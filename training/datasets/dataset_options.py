@@ -11,9 +11,9 @@ from tokt.labels.formats.options import Progress, no_progress
 from tokt.labels.taxonomy import load_taxonomy
 from tokt.training.options import Notice, OneOrMore, PathOrText, at_least, paths, takes
 
-from .dataset import DatasetVersion, thin_classes, write_dataset
-from .folds import BLOCK_FRAMES, FOLDS
+from .dataset import DatasetVersion, write_dataset
 from .mission_source import labelled_missions, plan_from_missions, plan_from_patch_folder
+from .split import too_few_frames
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,8 @@ def build_dataset(
         wanted = parse_frames(options.frames) if options.frames else None
         named = paths(options.mission), paths(options.labels)
         missions = labelled_missions(*named, workspace, classes, cells, notice)
-        block = options.block or BLOCK_FRAMES
-        plan, remarks = plan_from_missions(
-            options.name, options.task, missions, classes, cells, wanted, block
-        )
+        asked = options.name, options.task, missions, classes, cells, wanted, options.block
+        plan, remarks = plan_from_missions(*asked, find_single_pictures=options.block is None)
     for remark in remarks:
         notice(f"note: {remark}")
     dataset = write_dataset(plan, workspace / "datasets", progress)
@@ -105,6 +103,9 @@ def build_dataset(
             f"({causes}). A model learns from them that such patches are water: mask them, or "
             "label them unsure"
         )
-    for line in thin_classes(dataset, FOLDS):
-        notice(f"WARNING: {line}")
+    lacking = dataset.block_frames and too_few_frames(
+        dataset.patches, dataset.targets(), dataset.block_frames
+    )
+    if lacking:
+        notice(f"WARNING: {lacking}")
     return dataset

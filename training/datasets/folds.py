@@ -6,7 +6,7 @@ and camera: how a model does on another dive is only seen where whole dives are 
 """
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -20,11 +20,22 @@ from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 
+DIVE, BLOCK = "dive", "block"
+"""What is held out together."""
 MAX_JUDGED = 1_000_000
 """Of more patches than these, some are cross-validated: 10,000 frames tell how good a model is."""
 BLOCK_FRAMES = 20
 EMBARGO_FRAMES = 5
+BLOCK_SIZES = (BLOCK_FRAMES, 10, 5)
+"""Frames a block: the most that the labels can bear. Frames nearer than those of the last are too
+alike to be tested on each other."""
 FOLDS = 5
+MAX_BLOCKS_ALONE = 10
+"""Blocks of one labelled frame each that are held out one by one; each is a fold."""
+LEAST_FRAMES = 6
+"""Labelled frames that training takes at the least."""
+LEAST_BLOCKS = 3
+"""Blocks that each class must be in: one to test on, one to choose by and one to learn from."""
 MAX_HELD_OUT_ALONE = 16
 """More dives than these are held out several at a time: each fold is a cross-validation more."""
 
@@ -46,8 +57,17 @@ def block_of(mission: str, frame: int, frames: int = BLOCK_FRAMES) -> str:
     return f"{mission}#{frame // frames:05d}"
 
 
+def embargo_of(block_frames: int | None) -> int:
+    """Return the frames left out on either side of a test block: a quarter of a block."""
+    return EMBARGO_FRAMES * (block_frames or 0) // BLOCK_FRAMES
+
+
 def blocked_folds(
-    patches: pd.DataFrame, targets: I64, n_folds: int = FOLDS, embargo_frames: int = EMBARGO_FRAMES
+    patches: pd.DataFrame,
+    targets: I64,
+    n_folds: int = FOLDS,
+    embargo_frames: int = EMBARGO_FRAMES,
+    single_pictures: Collection[str] = (),
 ) -> list[Fold]:
     """Split patches into folds of whole groups, each with about its share of every class.
 
@@ -59,6 +79,8 @@ def blocked_folds(
     embargo_frames : int
         Training rows this many frames or fewer from a test frame of the same mission are
         dropped.
+    single_pictures : collection of str
+        Missions of which no rows are dropped: their frames are no sequence.
 
     Raises
     ------
@@ -70,7 +92,7 @@ def blocked_folds(
     mission, frame = patches.mission.to_numpy(), patches.frame.to_numpy()
     folds = []
     for train, test in _whole_groups(patches.group.to_numpy(), targets, n_folds):
-        kept = train[~_near(mission, frame, train, test, embargo_frames)]
+        kept = train[~_near(mission, frame, train, test, embargo_frames, single_pictures)]
         lacking = np.setdiff1d(classes, targets[kept])
         if len(lacking):
             raise ToktError(
@@ -87,15 +109,15 @@ def _check_groups(patches: pd.DataFrame, targets: I64, n_folds: int) -> None:
     n_groups = len(np.unique(groups))
     if n_groups < n_folds:
         raise ToktError(
-            f"{n_groups} groups of frames are too few for {n_folds} folds; label more of the "
-            "mission or ask for fewer folds"
+            f"{n_groups} blocks of frames are too few for {n_folds} folds; label more of the "
+            f"mission, or leave --folds out: it is then as many as the labels can bear"
         )
     for target in np.unique(targets):
         if len(np.unique(groups[targets == target])) < 2:
             raise ToktError(
-                f"{_labels(patches, targets == target)} is in a single group of frames only, or is "
+                f"{_labels(patches, targets == target)} is in a single block of frames only, or is "
                 "left in one once others are held out. Label it in more places of the mission, at "
-                "best in as many groups as there are folds"
+                "best in as many blocks as there are folds"
             )
     if np.bincount(targets).max() < n_folds:
         raise ToktError(f"no class has as many patches as there are folds ({n_folds})")
@@ -279,15 +301,20 @@ def every_nth_block(patches: pd.DataFrame, targets: I64, n: int, embargo_frames:
         train = train[~_near(mission, frame, train, test, embargo_frames)]
         if len(np.unique(targets[train])) == len(np.unique(targets[test])) == classes:
             return Fold(train, test)
-    raise ToktError("too few groups of frames to hold a part of the mission back; label more of it")
+    raise ToktError("too few blocks of frames to hold a part of the mission back; label more of it")
 
 
 def _near(
-    mission: NDArray[np.object_], frame: I64, train: I64, test: I64, embargo_frames: int
+    mission: NDArray[np.object_],
+    frame: I64,
+    train: I64,
+    test: I64,
+    embargo_frames: int,
+    single_pictures: Collection[str] = (),
 ) -> Bools:
     """Which training rows lie within the embargo of a test frame."""
     near = np.zeros(len(train), bool)
-    for name in np.unique(mission[test]):
+    for name in set(mission[test]).difference(single_pictures):
         tested = np.unique(frame[test][mission[test] == name])
         candidates = frame[train]
         after = np.searchsorted(tested, candidates).clip(0, len(tested) - 1)

@@ -22,10 +22,11 @@ from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.training.options import Notice
 
-from .dataset import PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
-from .folds import BLOCK_FRAMES, block_of
+from .dataset import BINARY, PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
 from .frame_rows import SUFFIX as ROWS
 from .mission_list import named_missions
+from .single_pictures import why_single_pictures
+from .split import bearable_block, blocks_of
 
 PATCH_GRID = Grid(1, 1, None)
 """Of ready-cut patches, which are frames of one patch at their own size."""
@@ -180,12 +181,15 @@ def plan_from_missions(
     taxonomy: Taxonomy,
     grid: Grid = DEFAULT_GRID,
     frames: Sequence[int] | None = None,
-    block_frames: int = BLOCK_FRAMES,
+    block_frames: int | None = None,
+    find_single_pictures: bool = True,
 ) -> tuple[DatasetPlan, list[str]]:
-    """Plan a dataset of labelled frames, or of some `frames` of theirs, `block_frames` to a group.
+    """Plan a dataset of labelled frames, or of some `frames` of theirs, `block_frames` to a block.
 
-    Where annotators disagree and nobody settled it, a patch is `unsure`. With the plan come remarks
-    of what a person should know: conflicts between annotators.
+    Blocks that are left open are as long as the labels can bear (`bearable_block`). With
+    `find_single_pictures` each frame of a mission that is no sequence is a block of its own. Where
+    annotators disagree and nobody settled it, a patch is `unsure`. With the plan come remarks of
+    what a person should know: missions that are no sequence, conflicts between annotators.
     """
     sources: list[FrameSource] = []
     rows: list[tuple[str, str, int, int, int, str | None]] = []
@@ -197,12 +201,25 @@ def plan_from_missions(
             remarks.append(f"{len(merged.conflicts)} patches left out: annotators disagree")
         keys = sorted({(r.camera, r.frame) for r in merged.records if r.label != UNSURE})
         for camera, frame in keys:
-            group = block_of(one.name, frame, block_frames)
             load = partial(one.mission.encoded, frame, camera)
-            sources.append(FrameSource(one.name, camera, frame, group, load))
+            sources.append(FrameSource(one.name, camera, frame, "", load))
         rows += [(one.name, r.camera, r.frame, r.row, r.col, r.label) for r in merged.records]
     table = pd.DataFrame(rows, columns=_COLUMNS)
     sure = table[table.label != UNSURE]
+    sites = {one.name: one.site for one in missions if one.site}
+    single = {one.name: why_single_pictures(one.mission) for one in missions}
+    single = {name: why for name, why in single.items() if why and find_single_pictures}
+    for mission, why in single.items():
+        remarks.append(
+            f"mission {mission} is taken for single pictures, as {why}: each is held out alone. If "
+            "it is a sequence, give --block 20"
+        )
+    if block_frames is None:
+        classes = sure.label.map(taxonomy.is_obstacle) if task == BINARY else sure.label
+        block_frames = bearable_block(sure, pd.factorize(classes)[0], sites, single)
+    keys = pd.DataFrame([(one.mission, one.frame) for one in sources], columns=_COLUMNS[:3:2])
+    groups = blocks_of(keys, block_frames, single)
+    sources = [replace(one, group=group) for one, group in zip(sources, groups, strict=True)]
     plan = DatasetPlan(
         name,
         task,
@@ -213,8 +230,9 @@ def plan_from_missions(
         len(table) - len(sure),
         block_frames,
         _describe_sources(missions),
-        {one.name: one.site for one in missions if one.site},
+        sites,
         {one.name: one.mission.masks for one in missions if one.mission.masks},
+        single,
     )
     return plan, remarks
 
@@ -260,6 +278,7 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
         [*base.info["sources"], *added.sources],
         {**base.sites, **added.sites},
         {**base.masks, **added.masks},
+        {**base.info.get("single_pictures", {}), **added.single_pictures},
     )
 
 

@@ -24,15 +24,15 @@ from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.folds import FULL_DIVE, Fold
+from tokt.training.datasets.folds import DIVE, FULL_DIVE, Fold
+from tokt.training.datasets.split import Split
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.evaluation.old_dives import falls
 from tokt.training.parallel import mapped
 
 from .carried import install_carried
-from .choose_operating_point import DIVE, FalseStatusTarget
+from .choose_operating_point import FalseStatusTarget
 from .classifier import Tables, decision_values, fit_rows, in_parts
-from .cross_validation import Split
 from .presets import Hyperparameters, TrainingSettings
 from .train import TrainRequest
 from .whole_frames import WholeFrames, judged

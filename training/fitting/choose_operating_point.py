@@ -15,6 +15,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.folds import BLOCK, DIVE
 from tokt.training.evaluation.frame_scores import FrameScores, frame_table
 from tokt.training.evaluation.metrics import BOUND_CONFIDENCE, upper_bound
 
@@ -22,7 +23,6 @@ from .exceedance_model import MIN_FRAMES, ExceedanceModel, fit_exceedance_model
 
 MIN_PATCHES = (1, 2)
 FRAME_RULES = ((1, 1), (2, 3), (3, 3), (3, 5))
-DIVE, BLOCK = "dive", "block"
 _MAX_NAMED = 20
 MIN_RATE, MAX_RATE = 1e-9, 0.5
 _MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read, never too small

@@ -3,12 +3,10 @@
 Before it, what cannot be learnt from or tested is refused; after it come the figures.
 """
 
-import ast
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,17 +19,8 @@ from tokt.models.linear import LinearModel, obstacle_score
 from tokt.models.operating_point import MofNRule
 from tokt.models.water import WaterPrior
 from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion
-from tokt.training.datasets.folds import (
-    MAX_HELD_OUT_ALONE,
-    MAX_JUDGED,
-    Dives,
-    Fold,
-    blocked_folds,
-    dive_folds,
-    held_out_together,
-    sites_named,
-    some_units,
-)
+from tokt.training.datasets.folds import DIVE, Dives, Fold
+from tokt.training.datasets.split import Split
 from tokt.training.evaluation.frame_scores import frame_figures
 from tokt.training.evaluation.metrics import (
     class_metrics,
@@ -42,149 +31,10 @@ from tokt.training.evaluation.metrics import (
 )
 from tokt.training.parallel import mapped
 
-from .choose_operating_point import (
-    BLOCK,
-    DEFAULT_TARGET,
-    DIVE,
-    FalseStatusTarget,
-    choose_frame_rule,
-)
+from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget, choose_frame_rule
 from .classifier import Tables, decision_values, fit_rows, in_parts, linear_model
 from .presets import Hyperparameters, TrainingSettings
 from .whole_frames import WholeFrames, judged
-
-PATCH = "patch"
-MAX_CHOSEN_ALONE = 6
-"""Held out together inside a training part: choices need fewer folds than figures do."""
-SITES, DIVES, BLOCKS = "sites", "dives", "blocks of frames"
-
-
-@dataclass(frozen=True)
-class Split:
-    """What a cross-validation holds out together, and what counts the same in learning."""
-
-    folds: int  # of blocks, or of more dives than can be held out one by one
-    embargo_frames: int  # between blocks of one dive
-    by: str = BLOCK  # or DIVE
-    weight: str = PATCH  # or DIVE: whether each patch counts the same, or each dive
-    # By mission: where it is by dive, all dives of a site are held out together.
-    sites: Mapping[str, str] = field(default_factory=dict)
-    # By mission: how many times its usual share a dive counts that was added to a model, where
-    # each dive counts the same. Scaler and map are those of the other dives.
-    added: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.folds < 2 or not 0 <= self.embargo_frames < 1 << 31:
-            raise ValueError(f"{self.folds} folds, {self.embargo_frames} frames apart")
-        if self.by not in (DIVE, BLOCK) or self.weight not in (DIVE, PATCH):
-            raise ValueError(f"split by {self.by}, weight by {self.weight}")
-        if not all(0 < times < math.inf for times in self.added.values()):
-            raise ValueError(f"added dives count {self.added} times their share")
-
-    @classmethod
-    def of(
-        cls,
-        dataset: DatasetVersion,
-        folds: int,
-        embargo_frames: int,
-        by: str | None = None,
-        weight: str | None = None,
-        sites: Sequence[str] = (),
-    ) -> Self:
-        """The split that is asked for; for what is left open, by dive where there are several.
-
-        `sites` are as for `sites_named`; none for those that the dataset was built with. Raises
-        ToktError if dives are to be held out and there is one only, or something is misspelt.
-        """
-        missions = sorted(dataset.patches.mission.unique())
-        usual = DIVE if len(missions) > 1 else None
-        for option, value, known in (
-            ("split", by, (DIVE, BLOCK)),
-            ("weight", weight, (DIVE, PATCH)),
-        ):
-            if value is not None and value not in known:
-                raise ToktError(f"--{option} is {' or '.join(known)}, not {value!r}")
-        named = sites_named(sites, missions) if sites else _texts(dataset.sites)
-        split = cls(folds, embargo_frames, by or usual or BLOCK, weight or usual or PATCH, named)
-        if by == DIVE and not dive_folds(dataset.patches, dataset.targets(), named, folds, False):
-            raise ToktError(
-                f"dataset {dataset.label} cannot be split by dive: it takes two dives with every "
-                "class, without a common picture; --split block holds out blocks of frames"
-            )
-        return split
-
-    @classmethod
-    def logged(cls, parameters: Mapping[str, str]) -> Self:
-        """What a run's parameters say; an older tokt's are by block, each patch the same."""
-        return cls(
-            int(parameters["split_folds"]),
-            int(parameters["split_embargo_frames"]),
-            parameters.get("split_by", BLOCK),
-            parameters.get("split_weight", PATCH),
-            _texts(ast.literal_eval(parameters.get("split_sites", "{}"))),
-            {
-                str(mission): float(times)
-                for mission, times in ast.literal_eval(parameters.get("split_added", "{}")).items()
-            },
-        )
-
-    @property
-    def inner(self) -> Self:
-        """Of the cross-validation inside a training part: one fold less."""
-        return replace(self, folds=max(2, self.folds - 1))
-
-    def cut(self, patches: pd.DataFrame, targets: I64, to_choose: bool = False) -> list[Fold]:
-        """Folds of whole dives or sites where it is by dive and there are several; else of blocks.
-
-        Of the patches that are `judged`; to choose, of all. For a choice inside a training part
-        (`to_choose`) a dive without which a class is lost stays in training, and so is in no fold's
-        test part; where fewer than two can be held out, the folds are of blocks.
-
-        Raises ToktError as `dive_folds` and `blocked_folds`.
-        """
-        folds: list[Fold] = []
-        rows = np.arange(len(patches)) if to_choose else self.judged(patches, targets)
-        patches, targets = patches.iloc[rows], targets[rows]
-        if self.by == DIVE:
-            alone = MAX_CHOSEN_ALONE if to_choose else MAX_HELD_OUT_ALONE
-            folds = dive_folds(patches, targets, self.sites, self.folds, not to_choose, alone)
-        folds = folds or blocked_folds(patches, targets, self.folds, self.embargo_frames)
-        return [Fold(rows[fold.train], rows[fold.test]) for fold in folds]
-
-    def judged_words(self, dataset: DatasetVersion) -> str:
-        """How many patches are judged, where it is not all of them."""
-        total = len(dataset.patches)
-        judged = len(self.judged(dataset.patches, dataset.targets()))
-        what = "whole blocks of frames" if dataset.block_frames else "single ones"
-        if judged == total:
-            return ""
-        return f" Judged are {judged:,} of {total:,} patches: {what}, drawn by lot."
-
-    def unit(self, patches: pd.DataFrame) -> str:
-        """What `cut` holds out as a whole, for people."""
-        for what, grouped in ((SITES, self.sites), (DIVES, {})):
-            several = len(pd.unique(held_out_together(patches, grouped))) > 1
-            if self.by == DIVE and several and (grouped or what == DIVES):
-                return what
-        return BLOCKS
-
-    def dives(self, patches: pd.DataFrame) -> Dives | None:
-        """The dive of each patch where there are several that count the same, for `fit_rows`."""
-        several = self.weight == DIVE and patches.mission.nunique() > 1
-        return Dives.of(patches.mission.to_numpy(), self.added) if several else None
-
-    def judged(self, patches: pd.DataFrame, targets: I64) -> I64:
-        """Rows to cross-validate: all, or of more than `MAX_JUDGED` some blocks of every site."""
-        if len(patches) <= MAX_JUDGED:
-            return np.arange(len(patches))
-        site = pd.factorize(patches.mission.map(self.sites))[0]
-        blocks = patches.group.to_numpy(object)
-        return some_units(blocks, (targets, site), MAX_JUDGED, 2 * self.folds)
-
-
-def _texts(sites: Mapping[Any, Any]) -> dict[str, str]:
-    """Sites out of a file or a database, whatever somebody wrote there."""
-    return {str(mission): str(site) for mission, site in sites.items()}
 
 
 @dataclass(frozen=True)
@@ -497,13 +347,6 @@ def held_out_metrics(
         "right_by_margin": right_by_margin(truth, score),
         "patches_tested": int(tested.sum()),
     }
-
-
-def check_split(dataset: DatasetVersion, split: Split) -> None:
-    """Raise ToktError unless the dataset can be cross-validated, choices inside each fold too."""
-    patches, targets = dataset.patches, dataset.targets()
-    for fold in split.cut(patches, targets):
-        split.inner.cut(patches.iloc[fold.train], targets[fold.train], to_choose=True)
 
 
 def check_features(dataset: DatasetVersion, features: F64) -> None:

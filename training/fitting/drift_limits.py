@@ -67,10 +67,10 @@ def training_distribution(
 
     Features are finite, in the order of the dataset's patches, of which some `rows` may be taken. A
     window is not compared with the `embargo_frames` on either side of it. None where nothing says
-    which patches belong together, or fewer than `MIN_STRETCHES` windows without a common frame can
-    be held back.
+    which patches belong together, frames are no sequence, or fewer than `MIN_STRETCHES` windows
+    without a common frame can be held back.
     """
-    if dataset.block_frames is None:
+    if dataset.block_frames in (None, 1):
         return None
     length = min(dataset.block_frames, MAX_WINDOW_FRAMES)
     rows = np.arange(len(features)) if rows is None else rows

@@ -48,10 +48,11 @@ from tokt.training.datasets.dataset import (
     open_dataset,
 )
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.folds import EMBARGO_FRAMES, FOLDS, Fold
+from tokt.training.datasets.folds import BLOCK, Fold
+from tokt.training.datasets.split import PATCH, Split
 
 from .classifier import Tables, decision_values, fit_rows
-from .cross_validation import Split, check_features, choose_hyperparameters
+from .cross_validation import check_features, choose_hyperparameters
 from .presets import (
     DEFAULT_EXTRACTOR,
     PRESETS,
@@ -91,7 +92,7 @@ def audit_input_named(reference: str, workspace: Path, folds: int | None = None)
     root = workspace / "datasets"
     name, _, prefix = reference.partition("@")
     if any((root / name).glob(f"{prefix}*/dataset.json" if prefix else "latest")):
-        return _of_dataset(open_dataset(reference, root), folds or FOLDS)
+        return _of_dataset(open_dataset(reference, root), folds)
     if not (workspace / "mlflow.db").exists():
         known = ", ".join(sorted(path.parent.name for path in root.glob("*/latest")))
         raise ToktError(
@@ -103,9 +104,7 @@ def audit_input_named(reference: str, workspace: Path, folds: int | None = None)
     return _of_model(Registry(workspace), reference, root)
 
 
-def _of_dataset(dataset: DatasetVersion, folds: int) -> AuditInput:
-    # Short blocks would be left out whole by the usual embargo.
-    embargo = min(EMBARGO_FRAMES, (dataset.block_frames or 0) // 4)
+def _of_dataset(dataset: DatasetVersion, folds: int | None) -> AuditInput:
     preset = preset_for(PRESET, dataset)
     gray = preset != PRESET and dataset.is_gray
     return AuditInput(
@@ -113,7 +112,7 @@ def _of_dataset(dataset: DatasetVersion, folds: int) -> AuditInput:
         dataset.label,
         dataset,
         extractor_for(DEFAULT_EXTRACTOR, preset, dataset.grid, gray).spec,
-        Split(folds, embargo),
+        Split.of(dataset, folds, by=BLOCK, weight=PATCH),
         settings_named(preset, dataset.grid),
     )
 

@@ -82,6 +82,7 @@ def plan_of_rows(
         dataset.block_frames,
         [*dataset.info["sources"], f"at most {frames_a_dive} frames a dive, as rows of features"],
         dataset.sites,
+        single_pictures=dataset.info.get("single_pictures", {}),
     )
 
 

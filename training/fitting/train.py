@@ -23,21 +23,14 @@ from tokt.models.sight import SightLimits
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.folds import DIVE, FOLDS
+from tokt.training.datasets.split import BLOCKS, Split
 
-from .choose_operating_point import (
-    DEFAULT_TARGET,
-    DIVE,
-    FalseStatusTarget,
-    choose_frame_rule,
-    shapes_on,
-)
+from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget, choose_frame_rule, shapes_on
 from .classifier import Tables, converged, decision_values, fit_classifier, fit_rows, linear_model
 from .cross_validation import (
-    BLOCKS,
     HeldOutPredictions,
-    Split,
     check_features,
-    check_split,
     choose_hyperparameters,
     cross_validate,
     held_out_metrics,
@@ -136,7 +129,7 @@ def fit_and_measure(
     if settings.two_images:
         split.cut(dataset.patches, dataset.targets())
     else:
-        check_split(dataset, split)
+        split.check(dataset.patches, dataset.targets())
         if dataset.block_frames is not None:
             shapes_on(dataset.grid, request.target)
     spec = request.extractor.spec
@@ -245,13 +238,32 @@ def _folds_in_words(request: TrainRequest) -> str:
             "Blocks of frames are held out where one dive is left or a class would be lost. "
             f"{rest}"
         )
-    weak = request.dataset.block_frames < _MIN_BLOCK_FRAMES
     return (
-        f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over whole blocks of frames "
-        f"({request.dataset.block_frames} frames a block), training frames within "
-        f"{split.embargo_frames} frames of a test frame left out. {candidates} by "
-        f"{split.inner.folds}-fold blocked cross-validation. {rest}"
+        f"{_blocks_in_words(request.dataset, split)} {candidates} by {split.inner.folds}-fold "
+        f"cross-validation of the same kind. {rest}"
     )
+
+
+def _blocks_in_words(dataset: DatasetVersion, split: Split) -> str:
+    """How a dataset is held out by blocks of frames, and what few folds mean."""
+    frames = len(dataset.patches[FRAME_KEY].drop_duplicates())
+    if dataset.single_pictures and dataset.block_frames == 1:
+        held_out = "each held out alone" if frames == split.folds else "each in one fold only"
+        words = f"{split.folds}-fold cross-validation over {frames} single pictures, {held_out}."
+    else:
+        weak = (dataset.block_frames or 0) < _MIN_BLOCK_FRAMES
+        words = (
+            f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over blocks of "
+            f"{dataset.block_frames} consecutive frames, which are near copies and are held out "
+            f"together. Training frames within {split.embargo_frames} frames of a test frame are "
+            "left out."
+        )
+    if split.folds < FOLDS:
+        words += (
+            f" A model of so few folds learnt from {split.folds - 1} in {split.folds} of the "
+            "labelled blocks, and the registered one from all: it is mostly better."
+        )
+    return words
 
 
 _DECIDED = (

@@ -15,11 +15,11 @@ from tokt.models.registry.registry import Registry, check_model_name
 from tokt.models.signing.passphrase import signing_key
 from tokt.training.datasets.augmentations import STRESS
 from tokt.training.datasets.dataset import DatasetVersion, open_dataset
+from tokt.training.datasets.split import Split
 from tokt.training.evaluation.old_dives import held_out_falls
 from tokt.training.options import PathOrText, at_least, takes, texts
 
 from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget
-from .cross_validation import Split
 from .presets import (
     DEFAULT_EXTRACTOR,
     TrainingSettings,
@@ -47,8 +47,8 @@ class TrainOptions:
     extractor: str | None = None
     preset: str = "best"
     name: str | None = None
-    folds: int = 5
-    embargo: int = 5
+    folds: int | None = None
+    embargo: int | None = None
     split: str | None = None
     site: str | Sequence[str] | None = None
     weight: str | None = None
@@ -150,7 +150,7 @@ def train(options: TrainOptions, *, progress: Progress = no_progress) -> Trained
     >>> version.metrics["patch"]["f1"]  # doctest: +SKIP
     0.987
     """
-    at_least(options, folds=2, embargo=1, max_samples=1000)
+    at_least(options, folds=2, embargo=0, max_samples=1000)
     workspace = Path(options.workspace)
     data = open_dataset(options.dataset, workspace / "datasets")
     settings = _settings(options, preset_for(options.preset, data), data)
@@ -168,7 +168,7 @@ def train(options: TrainOptions, *, progress: Progress = no_progress) -> Trained
     name = options.name or f"{data.name}-{_file_name(named)}"
     check_model_name(name)
     how = options.folds, options.embargo, options.split, options.weight, texts(options.site)
-    split = Split.of(data, *how)
+    split = Split.of(data, *how, with_choices=not settings.two_images)
     ocean, other = (Path(image) if image else None for image in (options.ocean, options.other))
     origin = _FROM_A_FILE if named.startswith("spec:") else ""
     request = TrainRequest(

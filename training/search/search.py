@@ -14,7 +14,7 @@ from tokt.models.registry.registration import RegisteredVersion
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import feature_key
-from tokt.training.fitting.cross_validation import Split, check_split
+from tokt.training.datasets.split import Split
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
 from tokt.training.parallel import mapped, software
@@ -125,13 +125,13 @@ def _check(request: SearchRequest) -> None:
     """Say before the work what would make it useless."""
     dataset, split = request.dataset, request.split
     dataset.check()
-    check_split(dataset, split)
+    split.check(dataset.patches, dataset.targets())
     if not request.nested:
         return
     for fold in split.cut(dataset.patches, dataset.targets()):
         part = part_of(dataset, fold.train)
         with naming("--nested splits each training part again"):
-            check_split(part, split.inner)
+            split.inner.check(part.patches, part.targets())
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from tokt.labels.formats.options import no_progress
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.fitting.cross_validation import BLOCKS, Split, cross_validate
+from tokt.training.datasets.split import BLOCKS, Split
+from tokt.training.fitting.cross_validation import cross_validate
 from tokt.training.fitting.presets import TrainingSettings
 
 from .score import tally

@@ -12,14 +12,12 @@ from typing import Literal
 from fastapi import APIRouter
 from starlette.responses import Response
 
-from tokt.labels.page.state.review_sheet import BLOCK
 from tokt.labels.page.state.session import Session, own_model_file
 from tokt.models.bundle.bundle import read_bundle
 
 from .messages import Blind, Body, Name, SessionOf, json_response, refuse_blind
 
 router = APIRouter(prefix="/api")
-_BLOCKS = 5
 
 
 class CancelBody(Body):
@@ -50,11 +48,8 @@ def post_job(session: SessionOf, body: JobBody) -> Response:
     name, path = file.stem, mission.path.resolve()
     named = str(path) if mission.name in (path.name, path.stem) else f"{mission.name}={path}"
     own = ("--taxonomy", str(session.taxonomy_file)) if session.taxonomy_file else ()
-    numbers = [number for frames in session.board.frames.values() for number in frames]
-    # Cross-validation keeps blocks of frames together: a short mission has five shorter ones.
-    block = max(1, min(BLOCK, (max(numbers) - min(numbers) + 1) // _BLOCKS))
     build = ("dataset", "build", name, "--mission", named, "--grid", str(session.grid), *own)
-    steps: list[Sequence[str]] = [(*build, "--block", str(block))]
+    steps: list[Sequence[str]] = [build]
     if body.what == "audit":
         steps.append(("labels", "audit", name))
     else:

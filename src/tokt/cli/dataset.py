@@ -40,7 +40,12 @@ def build(
     frames: FramesOption = None,
     grid: Annotated[str | None, Option(help="Grid of the labels. Default: 10x10@360.")] = None,
     block: Annotated[
-        int | None, Option(help="Frames in a block, which no fold splits. Default: 20.", min=1)
+        int | None,
+        Option(
+            help="Frames in a block, which no fold splits; 1 for single photographs. Default: 20, "
+            "or as many as the labels can bear.",
+            min=1,
+        ),
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
@@ -119,7 +124,11 @@ def _print_diff(found: dict[str, Any]) -> None:
 def _show(dataset: DatasetVersion) -> None:
     label, info = dataset.label, dataset.info
     counts = ", ".join(f"{name} {count}" for name, count in info["labels"].items())
-    grouped = f"{info['groups']} groups" if info["block_frames"] else "UNGROUPED"
+    grouped, block = "UNGROUPED", dataset.block_frames
+    if block:
+        grouped = "each held out alone"
+    if block and block > 1:
+        grouped = f"{info['groups']} blocks of up to {block} frames, each held out as a whole"
     print(f"{label}: {info['patches']} patches ({counts}) in {info['frames']} frames, {grouped}")
     print(f"  task {info['task']}, {info['unsure_left_out']} unsure patches left out")
     for source in info["sources"]:

@@ -230,7 +230,8 @@ def audit_labels(
     ] = None,
     top: Annotated[int | None, Option(help="Show the worst N only.", min=1)] = None,
     folds: Annotated[
-        int | None, Option(help="Folds of a dataset's cross-validation. Default: 5.", min=2)
+        int | None,
+        Option(help="Folds of a dataset's cross-validation. Default: as for train.", min=2),
     ] = None,
     jobs: Annotated[int, Option(help="Processes for features; -1 for one per core.")] = -1,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,

@@ -53,9 +53,20 @@ PatchesOption = Annotated[
 LabelFilesOption = Annotated[
     list[Path] | None, Option(help="Label file; repeatable. Default: the label store.")
 ]
-FoldsOption = Annotated[int, Option(help="Folds of the cross-validation.", min=2)]
+FoldsOption = Annotated[
+    int | None,
+    Option(
+        help="Folds of the cross-validation. Default: as many as the labels can bear, mostly 5.",
+        min=2,
+    ),
+]
 EmbargoOption = Annotated[
-    int, Option(help="Frames left out of training on each side of a test frame.", min=1)
+    int | None,
+    Option(
+        help="Frames left out of training on each side of a test frame; none of single pictures. "
+        "Default: a quarter of a block.",
+        min=0,
+    ),
 ]
 ReportOption = Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")]
 LoggedRunOption = Annotated[

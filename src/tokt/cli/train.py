@@ -78,8 +78,8 @@ def train(
     name: Annotated[
         str | None, Option(help="Name of the model. Default: DATASET-EXTRACTOR.")
     ] = None,
-    folds: FoldsOption = 5,
-    embargo: EmbargoOption = 5,
+    folds: FoldsOption = None,
+    embargo: EmbargoOption = None,
     split: SplitOption = None,
     site: SitesOption = None,
     weight: WeightOption = None,
@@ -367,8 +367,8 @@ def search(
     fresh: Annotated[
         bool, Option("--fresh/--resume", help="Discard finished trials, or resume from them.")
     ] = False,
-    folds: FoldsOption = 5,
-    embargo: EmbargoOption = 5,
+    folds: FoldsOption = None,
+    embargo: EmbargoOption = None,
     split: SplitOption = None,
     site: SitesOption = None,
     weight: WeightOption = None,
@@ -384,7 +384,7 @@ def search(
     """
     from tokt.models.registry.registry import Registry, check_model_name
     from tokt.training.datasets.dataset import open_dataset
-    from tokt.training.fitting.cross_validation import Split
+    from tokt.training.datasets.split import Split
     from tokt.training.search.search import SearchRequest, budget_from
     from tokt.training.search.search import search as search_task
     from tokt.training.search.space import BUILT_IN, read_space

@@ -14,7 +14,7 @@ from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import write_dataset
 from tokt.training.datasets.folds import EMBARGO_FRAMES, FOLDS
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
-from tokt.training.fitting.cross_validation import Split
+from tokt.training.datasets.split import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, fit_and_measure

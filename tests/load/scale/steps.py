@@ -23,8 +23,8 @@ from tokt.training.datasets.dataset import DatasetVersion, open_dataset, write_d
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.folds import EMBARGO_FRAMES, FOLDS
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions, read_labels
+from tokt.training.datasets.split import Split
 from tokt.training.fitting.classifier import fit_rows
-from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import settings_named
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
 

@@ -16,7 +16,8 @@ from tokt.training.datasets.augmentations import STRESS, augment
 from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.fitting.cross_validation import Split, cross_validate
+from tokt.training.datasets.split import Split
+from tokt.training.fitting.cross_validation import cross_validate
 from tokt.training.fitting.presets import settings_named, with_augmentations
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
 

@@ -427,9 +427,10 @@ def test_a_class_in_few_places_is_warned_of_when_built(tiny, tiny_truth, tmp_pat
     where = ("--labels", labels, "--task", "classes", "--block", 4, "--workspace", tmp_path)
     ran = done("dataset", "build", "few", "--mission", tiny.path, *where)
     assert [line for line in ran.err.splitlines() if line.startswith("WARNING")] == [
-        "WARNING: sand is in 2 groups of frames only: its figures are rough; label it in 5 or more",
-        "WARNING: reef is in 1 group of frames only: it cannot be held out, so training will "
-        "refuse; label it in 5 or more",
+        "WARNING: training takes 6 labelled frames or more, and each class in 3 blocks of them; "
+        "there are 40 labelled frames. Label 2 more, 1 with sand and 2 with reef. A block is 4 "
+        "consecutive frame numbers: near copies, which count as one. If they are single "
+        "photographs, give tokt dataset build --block 1"
     ]
 
 

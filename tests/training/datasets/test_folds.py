@@ -143,8 +143,8 @@ def regular(frames, block, period=2):
 @pytest.mark.parametrize(
     ("frames", "block", "period", "n_folds", "message"),
     [
-        (40, 10, 2, 5, "4 groups of frames are too few for 5 folds"),
-        (100, 20, 5, 5, "single group"),
+        (40, 10, 2, 5, "4 blocks of frames are too few for 5 folds"),
+        (100, 20, 5, 5, "single block"),
         (20, 4, 2, 5, "neighbour frames"),
     ],
 )

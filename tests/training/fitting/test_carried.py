@@ -13,9 +13,9 @@ from tokt.models.registry.registry import Registry
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import open_dataset, write_dataset
 from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.split import Split
 from tokt.training.fitting.adapt import packaged_model
 from tokt.training.fitting.carried import carried_bytes, install_carried
-from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.plan_of_rows import plan_of_rows
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
 

@@ -28,12 +28,12 @@ from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.folds import FULL_DIVE, Dives, Fold, blocked_folds
+from tokt.training.datasets.split import Split
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting import classifier, cross_validation
 from tokt.training.fitting.classifier import decision_values, fit_classifier, fit_rows, linear_model
 from tokt.training.fitting.cross_validation import (
     HeldOutPredictions,
-    Split,
     choose_hyperparameters,
     cross_validate,
     held_out_metrics,
@@ -68,7 +68,7 @@ def request_for(trained):
 ELSEWHERE = """
 import json, sys
 from pathlib import Path
-from tokt.training.fitting.cross_validation import Split
+from tokt.training.datasets.split import Split
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
@@ -662,7 +662,7 @@ def test_too_few_blocks_or_folds_are_named_before_the_features(fabricate, reques
     made = fabricate(labels, [f"dive#{n // 10:03d}" for n in range(100)])
     few = TrainRequest(made, "m", extractor_named("lbp"), "lbp", PLAIN, Split(4, 1))
     folds = replace(request_for("plain"), split=Split(30, 1))
-    for request, words in ((few, "reef is in a single group"), (folds, "too few for 30 folds")):
+    for request, words in ((few, "reef is in a single block"), (folds, "too few for 30 folds")):
         refuses(words, fit_and_measure, request, tmp_path / "cache", quiet)
     assert not (tmp_path / "cache").exists()
 

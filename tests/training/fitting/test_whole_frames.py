@@ -19,9 +19,10 @@ from tokt.models.registry.registry import Registry
 from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.split import Split
 from tokt.training.evaluation.evaluate import score_mission
 from tokt.training.fitting.classifier import decision_values, fit_rows
-from tokt.training.fitting.cross_validation import Split, choose_hyperparameters
+from tokt.training.fitting.cross_validation import choose_hyperparameters
 from tokt.training.fitting.drift_limits import NOVEL_RATE, novelty_limit
 from tokt.training.fitting.presets import Hyperparameters, settings_named
 from tokt.training.fitting.tracking import log_and_register

@@ -28,9 +28,9 @@ from tokt.models.store.store import Store
 from tokt.training.compare.bootstrap import compare_f1
 from tokt.training.datasets import folds, mission_source
 from tokt.training.datasets.dataset import write_dataset
+from tokt.training.datasets.split import Split
 from tokt.training.evaluation.evaluate import evaluate_missions, score_mission
 from tokt.training.fitting.classifier import decision_values
-from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
@@ -63,7 +63,7 @@ def block_rule(records: list[LabelRecord]) -> tuple[int, int]:
     """Frames a block and frames of embargo: the usual ones, or less for a short mission."""
     labelled = len({record.frame for record in records})
     block = min(folds.BLOCK_FRAMES, max(2, labelled // _MIN_BLOCKS))
-    return block, folds.EMBARGO_FRAMES * block // folds.BLOCK_FRAMES
+    return block, folds.embargo_of(block)
 
 
 def hold_back(

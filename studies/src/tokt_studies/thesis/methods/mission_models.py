@@ -25,15 +25,21 @@ from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.operating_point import MofNRule, frame_step, missed_before
 from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.dataset import DatasetVersion, write_dataset
-from tokt.training.datasets.folds import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
+from tokt.training.datasets.folds import (
+    BLOCK_FRAMES,
+    EMBARGO_FRAMES,
+    FOLDS,
+    Fold,
+    blocked_folds,
+    embargo_of,
+)
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
+from tokt.training.datasets.split import Split
 from tokt.training.fitting import presets
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
 from tokt.training.fitting.classifier import decision_values, fit_rows, linear_model
 from tokt.training.fitting.cross_validation import (
-    Split,
     check_features,
-    check_split,
     choose_hyperparameters,
     rows_tested,
 )
@@ -84,7 +90,7 @@ def held_out_texture(
     """
     with tempfile.TemporaryDirectory(prefix="tokt-reproduce-") as name:
         dataset, split = _dataset(inputs, Path(name), list(sizes))
-        check_split(dataset, split)
+        split.check(dataset.patches, dataset.targets())
         learnt = _learn(inputs, dataset, split, features, settings)
     return _judged(learnt, sizes, _words(dataset, split, settings))
 
@@ -100,7 +106,7 @@ def _dataset(
         "reproduce", "binary", mine, inputs.taxonomy, GRID, labelled, block
     )
     dataset = write_dataset(plan, folder, inputs.progress)
-    return dataset, Split(FOLDS, EMBARGO_FRAMES * block // BLOCK_FRAMES)
+    return dataset, Split(FOLDS, embargo_of(block))
 
 
 def _tables(dataset: DatasetVersion, features: Tables, count: int) -> list[F64]:
@@ -304,7 +310,7 @@ def train_superpixel_methods(inputs: StudyInputs) -> SuperpixelMethods:
 
 def _examples(inputs: StudyInputs, block: int, parity: int) -> list[int]:
     """Labelled frames of every second block, away from the blocks in between, evenly spread."""
-    embargo = EMBARGO_FRAMES * block // BLOCK_FRAMES
+    embargo = embargo_of(block)
     found = [
         number
         for number in inputs.obstacle_patches
