@@ -3,14 +3,13 @@
 ``python docs/generate_reference.py NAME`` prints one; the site's build makes all (`site_hooks.py`).
 """
 
-import ast
 import dataclasses
 import importlib
 import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from itertools import groupby, pairwise
+from itertools import groupby
 from operator import attrgetter, itemgetter
 from types import SimpleNamespace
 from typing import Any
@@ -232,13 +231,7 @@ def _field(each: ReportField) -> list[str]:
 
 def reasons() -> str:
     """The codes of what was not as it should be."""
-    (made,) = ast.parse(inspect.getsource(Reason)).body
-    below = {
-        name.targets[0].id: re.split(r"\.\s+", words.value.value, maxsplit=1)
-        for name, words in pairwise(made.body)
-        if isinstance(name, ast.Assign) and isinstance(words, ast.Expr)
-    }
-    rows = [[f"`{each}`", *map(as_cell, below[each.name])] for each in Reason]
+    rows = [[f"`{each}`", *map(as_cell, (each.meaning, each.advice))] for each in Reason]
     return f"""# Reasons
 
 Why a verdict is unknown. With status 1 or 0, what the verdict had to do without.

@@ -15,6 +15,8 @@ from .reason import Reason
 from .verdict import Verdict
 
 V2 = 2
+START, MODEL = "start", "model"
+"""Events: a run began, another model runs."""
 HEALTH_BYTES, MODEL_BYTES, CLASSES_BYTES = 250, 420, 500
 """Longest health text, model name and classes that are sent or logged, in the bytes that JSON takes
 for them: every model's name of ASCII is whole. A datagram without classes fits one Ethernet frame,

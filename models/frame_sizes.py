@@ -13,7 +13,6 @@ MIN_ASPECT, MAX_ASPECT = 0.5, 2.7
 """Width over height of a shape that no training frame had: 0.56 and 2.55 were measured."""
 MIN_WIDTH = 240
 """Pixels, of a size that no training frame had: 256 was measured, brought to width 360."""
-_MAX_NAMED = 6
 
 Size = tuple[int, int]
 """Height and width in pixels."""
@@ -31,9 +30,7 @@ def size_fault(height: int, width: int, learnt: Sequence[Size]) -> str:
     aspect = width / height
     if MIN_ASPECT <= aspect <= MAX_ASPECT and width >= MIN_WIDTH:
         return ""
-    sizes = " or ".join(f"{w}x{h}" for h, w in learnt[:_MAX_NAMED])
-    sizes += " or others" * (len(learnt) > _MAX_NAMED)
     return (
-        f"frames are {width}x{height}, the model learnt from {sizes}; others have to be "
-        f"{MIN_WIDTH} pixels wide or more, and {MIN_ASPECT:g} to {MAX_ASPECT:g} times the height"
+        f"frames are {width}x{height}, which the model did not learn. It judges others from "
+        f"{MIN_WIDTH} pixels of width on, {MIN_ASPECT:g} to {MAX_ASPECT:g} times as wide as high"
     )

@@ -27,7 +27,7 @@ from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import PATCH_KEY, write_dataset
 from tokt.training.datasets.dataset_options import build_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.folds import EMBARGO_FRAMES, FOLDS
+from tokt.training.datasets.folds import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS
 from tokt.training.datasets.split import Split
 from tokt.training.fitting.carried import carried_bytes
 from tokt.training.fitting.contents import content_of, recipe_of
@@ -114,7 +114,11 @@ def main(sites: Path) -> None:
 
 def _bundle(sites: Path, workspace: Path) -> bytes:
     pictures = build_dataset(
-        name=f"{WATERS}-pictures", mission=_listed(sites, workspace), workspace=workspace
+        name=f"{WATERS}-pictures",
+        mission=_listed(sites, workspace),
+        # Whole sites are held out: blocks serve only where one dive is left to choose by.
+        block=BLOCK_FRAMES,
+        workspace=workspace,
     )
     settings = settings_named(preset_for("best", pictures), pictures.grid)
     extractor = extractor_for(DEFAULT_EXTRACTOR, settings.preset, pictures.grid)

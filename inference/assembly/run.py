@@ -31,6 +31,7 @@ from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.object_naming import ObjectNaming
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Sender
+from tokt.inference.reason import unknown_in_words
 from tokt.inference.recording.run_start import ModelName, RunStart
 from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
@@ -155,7 +156,8 @@ def run(config: RunConfig) -> Summary:
         if signals:  # a watchdog asks, too, after a Ctrl-C: what ends is not to be cut off
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
     summary.log_failures = 0 if looking.log is None else looking.log.failed
-    say(_words(summary, senders.values()))
+    for line in (_words(summary, senders.values()), *unknown_in_words(looking.counts.unknown)):
+        say(line)
     if config.monitoring.json:
         print_json(_as_json(config, model.bundle, summary))
     return summary

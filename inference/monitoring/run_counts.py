@@ -11,9 +11,9 @@ from tokt.inference.clock import Clock
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
-from tokt.inference.recording.run_start import MODEL, START, ModelName
-from tokt.inference.report import Event, Report
-from tokt.inference.verdict import STATUS_WORDS
+from tokt.inference.recording.run_start import ModelName
+from tokt.inference.report import MODEL, START, Event, Report
+from tokt.inference.verdict import STATUS_WORDS, UNKNOWN
 
 BOUNDS_S = (
     *(0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.075),
@@ -89,6 +89,15 @@ class RunCounts(Observer):
             self.warnings[what] = event.words
         elif event.name in ("camera_back", "receiver_back", "place_back", "drift_over"):
             self.warnings.pop(what, None)
+
+    @property
+    def unknown(self) -> dict[str, int]:
+        """How many frames are unknown, by the code of their reason."""
+        return {
+            reason: count
+            for (status, reason), count in self.verdicts.items()
+            if status == STATUS_WORDS[UNKNOWN]
+        }
 
     def _note(self, report: Report) -> None:
         self.last_report, self.last_report_s = report, self._clock.monotonic()

@@ -18,6 +18,8 @@ from tokt.inference.verdict import STATUS_WORDS
 
 from .udp import decode
 
+DEFAULT_TIMEOUT_S = 1.0
+"""Seconds of silence that people are told of: some frames of the slowest usual camera."""
 _MAX_DATAGRAM = 65535
 _STOP_CHECK_S = 0.2
 

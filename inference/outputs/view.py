@@ -30,7 +30,7 @@ from tokt.inference.policy.object_naming import REFUSED, ObjectNaming
 from tokt.inference.policy.object_tracker import HELD
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
-from tokt.inference.report import Event, Report
+from tokt.inference.report import MODEL, START, Event, Report
 
 from .view_picture import ViewMoment, fitted
 from .view_process import serve
@@ -91,7 +91,7 @@ class LiveView(Observer):
         self._newest: deque[ViewMoment] = deque(maxlen=1)
         self._statuses: deque[tuple[float, int]] = deque(maxlen=_KEPT_STATUSES)
         self._shown: deque[tuple[int | None, U8]] = deque(maxlen=_KEPT_FRAMES)
-        self._refused = ""
+        self._refused = self._model = ""
         self._ended = threading.Event()
         self._told: set[str] = set()
         self._process: multiprocessing.process.BaseProcess | None = None
@@ -104,13 +104,20 @@ class LiveView(Observer):
         now = SYSTEM_CLOCK.monotonic()
         arrived_s = now if frame.arrived is None else frame.arrived
         held = judgement.held if report.verdict.anchor == HELD else None
-        seen = frame.left, judgement.mask, judgement.grid, held, self._refused
+        seen = frame.left, judgement.mask, judgement.grid, held, self._refused, self._model
         self._put(ViewMoment(report, now, arrived_s, (), *seen, no_view=frame.mask("left")))
 
     def heartbeat(self, report: Report) -> None:
         """Remember that unknown was said."""
         now = SYSTEM_CLOCK.monotonic()
-        self._put(ViewMoment(report, now, now - (report.age_ms or 0.0) / 1000, ()))
+        arrived_s = now - (report.age_ms or 0.0) / 1000
+        self._put(ViewMoment(report, now, arrived_s, (), model=self._model))
+
+    def event(self, event: Event) -> None:
+        """Note which model runs."""
+        if event.name in (START, MODEL):
+            model = event.fields.get("model") if event.name == START else event.fields
+            self._model = str(model["label"]) if model else ""
 
     def _put(self, moment: ViewMoment) -> None:
         self._statuses.append((moment.said_s, moment.report.verdict.status))

@@ -5,6 +5,7 @@ unknown, old or over is said over the picture's whole width.
 """
 
 from dataclasses import dataclass, field
+from textwrap import wrap
 
 import cv2
 import numpy as np
@@ -17,7 +18,7 @@ from tokt.inference.report import Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
 from tokt.models.sight import MAX_TOGETHER
 
-WIDTH, BANNER, PANEL, STRIP = 720, 50, 54, 18
+WIDTH, BANNER, PANEL, STRIP = 720, 50, 98, 18
 """In pixels: of the picture, and the heights of what stands above and below the frame."""
 STRIP_S = 60.0
 """Seconds that the strip shows."""
@@ -30,6 +31,8 @@ _COLOURS: dict[str, Colour] = {"OBSTACLE": (30, 30, 200), "CLEAR": (60, 110, 20)
 _RANKS = {CLEAR: 1, UNKNOWN: 2, OBSTACLE: 3}
 """A column of the strip shows the worst status of its time, 0 where nothing was said."""
 _BARS = ((2, 3, _COLOURS["CLEAR"]), (1, 2, _YELLOW), (0, 3, _COLOURS["OBSTACLE"]))
+_LINE_CHARACTERS, _MOST_LINES = 76, 3
+"""Of a text as long as health may be, 250 bytes, at the size in which it is written."""
 _STRIPED = np.arange(WIDTH) % 28 < 14
 
 
@@ -50,6 +53,7 @@ class ViewMoment:
     grid: Grid | None = None
     held: Box | None = None
     refused: str = ""  # why what was drawn last cannot be held
+    model: str = ""  # the one that runs; empty where there is none
     no_view: ViewMask | None = None
 
 
@@ -105,7 +109,7 @@ class ViewState:
             word, why = OLD, f"{seen}nothing newer for {age_s:.1f} s"
         of_now = not self.ended and age_s <= self.stale_s
         named = filter(None, (verdict.anchor if of_now else None, self.moment.refused))
-        facts = _facts(verdict, word in _COLOURS, ": ".join(named))
+        facts = _facts(verdict, word in _COLOURS, ": ".join(named), self.moment.model)
         high = 0 if self.picture is None else len(self.picture)
         return Shown(word, why, age_s, facts, self.frame, (BANNER, BANNER + high))
 
@@ -144,9 +148,9 @@ class ViewState:
         return strip
 
 
-def _facts(verdict: Verdict, of_now: bool, named: str) -> dict[str, str]:
+def _facts(verdict: Verdict, of_now: bool, named: str, model: str) -> dict[str, str]:
     """The rest of a verdict, in words; where to only while it is of now."""
-    told: dict[str, str] = {}
+    told: dict[str, str] = {"model": model or verdict.model or verdict.method}
     if of_now and verdict.distance_m is not None:
         told["distance"] = f"{verdict.distance_m:.1f} m"
     ways = ((verdict.x, "left", "right"), (verdict.y, "up", "down"))
@@ -157,7 +161,7 @@ def _facts(verdict: Verdict, of_now: bool, named: str) -> dict[str, str]:
         told["object"] = named
     if (seen := (verdict.sight or {}).get("visibility")) is not None:
         told["visibility"] = f"{100 * seen[0]:.0f} %"
-    return {**told, "model": verdict.model or verdict.method, "health": verdict.health}
+    return {**told, "health": verdict.health}
 
 
 def fitted(picture: U8) -> U8:
@@ -231,11 +235,12 @@ def _draw_blind(frame: U8, verdict: Verdict) -> None:
 def _draw_band(frame: U8, shown: Shown) -> None:
     """Words over the whole width, where a picture is none to go by."""
     middle = frame.shape[0] // 2
-    band = frame[max(0, middle - 80) : middle + 80]
+    band = frame[max(0, middle - 90) : middle + 90]
     band[:] = _BLACK
     band[:10, _STRIPED] = band[-10:, _STRIPED] = _YELLOW
-    _write(band, shown.word, (None, len(band) // 2 + 6), 2.1, _YELLOW)
-    _write(band, shown.why, (None, len(band) // 2 + 48), 0.8, _WHITE)
+    _write(band, shown.word, (None, 68), 2.1, _YELLOW)
+    for line, text in enumerate(_lines(shown.why)):
+        _write(band, text, (None, 98 + 22 * line), 0.65, _WHITE)
 
 
 def _banner(shown: Shown) -> U8:
@@ -255,12 +260,17 @@ def _banner(shown: Shown) -> U8:
 
 
 def _panel(shown: Shown) -> U8:
-    """The other facts, two lines."""
+    """The other facts, and health over as many lines as it takes."""
     panel = np.full((PANEL, WIDTH, 3), 20, np.uint8)
     facts = [f"{name} {text}" for name, text in shown.facts.items()]
-    for line, text in enumerate(("   ".join(facts[:-1]), *facts[-1:])):
-        _write(panel, text, (9, 21 + 25 * line), 0.65, _WHITE)
+    for line, text in enumerate(("   ".join(facts[:-1]), *_lines("".join(facts[-1:])))):
+        _write(panel, text, (9, 21 + 22 * line), 0.65, _WHITE)
     return panel
+
+
+def _lines(text: str) -> list[str]:
+    """Break words into lines that fit the picture; health is cut where it is sent (`report`)."""
+    return wrap(text, _LINE_CHARACTERS)[:_MOST_LINES]
 
 
 def _write(on: U8, text: str, at: tuple[int | None, int], scale: float, colour: Colour) -> None:

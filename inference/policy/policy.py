@@ -127,7 +127,7 @@ class SinglePolicy:
     def judge(self, frame: Frame) -> Judgement:
         """The detector's answer."""
         detection = guarded(self.detector, frame)
-        health = health_of(self.note, detection.fault, detection.note)
+        health = health_of(detection.fault, detection.note, self.note)
         return _judgement(detection, health, _reason(detection))
 
 

@@ -30,12 +30,11 @@ from tokt.inference.frame import Frame
 from tokt.inference.policy.object_naming import NAMED
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
-from tokt.inference.report import Event, Report
+from tokt.inference.report import MODEL, START, Event, Report
 
 from .clip_trigger import ClipTrigger
 from .recording import DiskBudget, EncodedFrame, RecordingFolder
 from .run_log import event_line, frame_line
-from .run_start import MODEL, START
 
 BEHIND = "the disk is slower than the frames that are to be recorded"
 NO_ROOM = "the folder is full of earlier recordings: copy them ashore and remove them"

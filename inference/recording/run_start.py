@@ -20,9 +20,6 @@ FORMAT_VERSION = 1
 """Of the event's fields. To change them: raise this, keep reading the older ones, and prove it with
 a test that reads one."""
 
-START, MODEL = "start", "model"
-"""Names of the events that tell which model judges the frames after them."""
-
 
 @dataclass(frozen=True)
 class ModelName:

@@ -13,10 +13,12 @@ from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.log import LogGap, read_log
 from tokt.inference.recording.recording import FILE_NAME, read_recording
 from tokt.inference.recording.run_log import events_path
-from tokt.inference.recording.run_start import MODEL, START, ModelName, RunStart
+from tokt.inference.recording.run_start import ModelName, RunStart
 from tokt.inference.report import (
     FIELDS,
+    MODEL,
     REPLAYABLE,
+    START,
     WITH_MOVING,
     WITH_TREND,
     ReportField,

@@ -19,7 +19,8 @@ import numpy as np
 from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError, printable
 from tokt.features.frames.mission import LEFT, RIGHT, FolderMission, Mission, open_mission
-from tokt.inference.recording.run_start import MODEL, START, ModelName, RunStart
+from tokt.inference.recording.run_start import ModelName, RunStart
+from tokt.inference.report import MODEL, START
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, TEXTURE, UNKNOWN
 
 from .replay import NOT_SHOWN, judged_picture, model_of, pictures_of

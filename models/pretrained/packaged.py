@@ -22,5 +22,9 @@ def packaged_bundle(reference: str) -> Path:
     Raises ToktError if none is called so.
     """
     if not is_packaged(reference):
-        raise ToktError(f"no model {reference!r} comes with tokt (there is {', '.join(VERSIONS)})")
+        raise ToktError(
+            f"no model {reference!r} comes with tokt (there is {', '.join(VERSIONS)}). A bundle "
+            "file goes with --bundle, a store with --store. tokt export makes a file of a "
+            "registered model"
+        )
     return Path(__file__).with_name(f"{reference.partition('/')[0]}.tokt")

@@ -50,6 +50,7 @@ def _model(
         "features": bundle.extractor.dim,
         "bundle_bytes": len(bundle.data),
         "split": predictions.split,
+        "unseen": bundle.metrics.get("unseen") if compared.mode == HELD_OUT else None,
         "rule": predictions.rule.to_json(),
         "rule_words": predictions.rule.words(),
         "operating_point_words": bundle.operating_point.chosen.get("words"),

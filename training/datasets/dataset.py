@@ -43,7 +43,9 @@ from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.features.frames.view_mask import CameraMasks, ViewMask, masks_by_mission
 from tokt.inference.sight import unseen_causes
 from tokt.labels.taxonomy import Taxonomy
+from tokt.models.sight import SightLimits
 
+from .dataset_sight import measured_sight, unseen_frames
 from .folds import joined_names
 from .frame_rows import SUFFIX as ROWS
 from .frame_rows import file_name
@@ -203,6 +205,20 @@ class DatasetVersion:
         return not all(
             FramePictures(self.read_frame(int(index)), self.grid).has_colour for index in first
         )
+
+    @cached_property
+    def sight(self) -> tuple[SightLimits, ...]:
+        """What its frames show at least; models of one dataset share it."""
+        if self.grid.width is None:  # ready-cut patches
+            return ()
+        return measured_sight(self.frames[self.pictured], self.read_frame, self.mask)
+
+    @cached_property
+    def unseen(self) -> dict[str, int]:
+        """How many of its frames a run would not call clear, by the code of the reason."""
+        if self.grid.width is None:
+            return {}
+        return unseen_frames(self.sight, self.frames[self.pictured], self.read_frame, self.mask)
 
     def classes(self) -> tuple[str, ...]:
         """The classes that a model of this dataset tells apart, in the model's order."""

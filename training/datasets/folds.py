@@ -109,8 +109,8 @@ def _check_groups(patches: pd.DataFrame, targets: I64, n_folds: int) -> None:
     n_groups = len(np.unique(groups))
     if n_groups < n_folds:
         raise ToktError(
-            f"{n_groups} blocks of frames are too few for {n_folds} folds; label more of the "
-            f"mission, or leave --folds out: it is then as many as the labels can bear"
+            f"{n_groups} blocks of frames are too few for {n_folds} folds. Label more of the "
+            "mission, or leave --folds out: there are then as many as the labels can bear"
         )
     for target in np.unique(targets):
         if len(np.unique(groups[targets == target])) < 2:

@@ -3,7 +3,7 @@
 import ast
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -34,7 +34,7 @@ from .folds import (
     some_units,
 )
 
-PATCH = "patch"
+PATCH, SINGLE = "patch", "single_pictures"
 MAX_CHOSEN_ALONE = 6
 """Held out together inside a training part: choices need fewer folds than figures do."""
 SITES, DIVES, BLOCKS = "sites", "dives", "blocks of frames"
@@ -128,6 +128,10 @@ class Split:
             },
             tuple(map(str, ast.literal_eval(parameters.get("split_single_pictures", "()")))),
         )
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what is logged of it; what an older tokt did not have only where it says more."""
+        return {name: value for name, value in asdict(self).items() if name != SINGLE or value}
 
     @property
     def inner(self) -> Self:

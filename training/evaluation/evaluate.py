@@ -1,5 +1,6 @@
 """Score a model on a mission and its labels: patches, frames, and when it first warns."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,6 +150,12 @@ def frame_kinds(
     return ocean, obstacle
 
 
+def unknown_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:
+    """How many verdicts are unknown, by the code of their reason."""
+    counts = Counter(one.reason.value for one in verdicts if one.status == UNKNOWN)
+    return dict(sorted(counts.items()))
+
+
 def _frame_figures(
     bundle: Bundle, scored: ScoredMission, ocean: list[int], obstacle: list[int], mission: str
 ) -> dict[str, Any]:
@@ -175,9 +182,11 @@ def _frame_figures(
         "obstacle_frames": len(obstacle),
         "detected": len(obstacle) - len(missed),
         "missed_frames": missed,
+        "missed_unknown": sum(status[number] == UNKNOWN for number in missed),
         "first_obstacle_frame": obstacle[0] if obstacle else None,
         "first_detection": first_detection(scored.frames, scored.missed, said),
         "unknown": said.count(UNKNOWN),
+        "unknown_reasons": unknown_reasons(scored.verdicts),
         "not_judged": len(scored.frames) - len(ocean) - len(obstacle),
     }
 
@@ -327,6 +336,8 @@ def _all_frames(parts: Sequence[_Part]) -> dict[str, Any]:
             pooled[key] = [
                 {"mission": name, **one} for name, those in found.items() for one in those
             ]
+        elif key == "unknown_reasons":
+            pooled[key] = dict(sum(map(Counter, found.values()), Counter()))
         elif isinstance(value, list):
             pooled[key] = [f"{name}:{number}" for name, those in found.items() for number in those]
         else:
@@ -379,7 +390,8 @@ def evaluate_missions(
     dict
         patch (n, precision, recall, f1, average_precision, per_class, confusion, by_label,
         reliability), frames (at the operating point: n, ocean_frames, false_status, held_status,
-        detected, obstacle_frames, first_detection, approaches as `approach_figures` has them,
+        detected, obstacle_frames,
+        unknown_reasons, first_detection, approaches as `approach_figures` has them,
         false_status_per_hour, ...), operating_point, latency_frames (from
         the first alarm to the first status at the least), unsure_ignored, seen_in_training
         (frames whose very pixels were learnt from), mission_in_training, always_alarming (by

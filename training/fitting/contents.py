@@ -18,20 +18,12 @@ from tokt.features.frames.mission import format_frames
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.models.bundle.bundle import BundleContent, Golden
 from tokt.models.registry.registry import RECIPE_VERSION
-from tokt.models.sight import (
-    SightLimits,
-    joined_sight,
-    measure_sight,
-    sight_from_json,
-    sight_to_json,
-)
+from tokt.models.sight import SightLimits, joined_sight, sight_from_json, sight_to_json
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 
 from .classifier import decision_values
 from .train import Trained
 
-_SIGHT_FRAMES = 60
-"""About so many frames of each mission's camera give the numbers of sight: more are near copies."""
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn")
 _MLFLOW = f"mlflow {mlflow.__version__}"  # of mlflow or mlflow-skinny
 
@@ -79,20 +71,11 @@ def golden_of(trained: Trained, frames: Sequence[U8]) -> Golden:
 
 
 def _sight(trained: Trained) -> tuple[SightLimits, ...]:
-    """Return what training frames show at least, from some of each mission's camera.
+    """Return what training frames show at least.
 
     Of frames without a picture it is what the model that they come with says.
     """
-    dataset = trained.request.dataset
-    if dataset.grid.width is None:
-        return ()
-    pictured = dataset.frames[dataset.pictured]
-    rows = pictured.groupby(["mission", "camera"]).groups
-    some = [mine[:: max(len(mine) // _SIGHT_FRAMES, 1)].tolist() for mine in rows.values()]
-    chosen = [row for mine in some for row in mine]
-    dives = dataset.frames.mission.iloc[chosen]
-    found = measure_sight(map(dataset.read_frame, chosen), map(dataset.mask, chosen), dives)
-    return joined_sight(trained.request.known_sight, found)
+    return joined_sight(trained.request.known_sight, trained.request.dataset.sight)
 
 
 def _frame_sizes(trained: Trained) -> list[list[int]]:

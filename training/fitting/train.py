@@ -207,6 +207,8 @@ def _metrics(
     if held_out.stressed:
         learnt = request.settings.changes
         metrics["stress"] = robustness_figures(request.dataset, held_out, model, learnt)
+    if pictured := int(request.dataset.pictured.sum()):
+        metrics["unseen"] = {"frames": pictured, "reasons": request.dataset.unseen}
     return {**metrics, "split": split, "converged": converged(pipeline)}
 
 
@@ -397,7 +399,7 @@ def parameters(trained: Trained) -> dict[str, Any]:
         **{f"target_{key}": value for key, value in asdict(request.target).items()},
         **{f"rule_{key}": value for key, value in trained.operating_point.rule.to_json().items()},
         **{f"setting_{key}": value for key, value in asdict(request.settings).items()},
-        **{f"split_{key}": value for key, value in asdict(request.split).items()},
+        **{f"split_{key}": value for key, value in request.split.parameters().items()},
     }
 
 

@@ -80,7 +80,7 @@ def _question(request: SearchRequest) -> dict[str, Any]:
         "dataset": dataset.hash,
         "space": asdict(request.space),
         "features": [feature_key(dataset, trial.spec) for trial in request.space.trials],
-        "split": asdict(request.split),
+        "split": request.split.parameters(),
         "rule": RULE,
         "software": software(),
         "code": _code_hash(),
@@ -112,7 +112,7 @@ def search(
             "trials": len(request.space.trials),
             "rule": RULE,
             **{f"setting_{key}": value for key, value in asdict(request.space.settings).items()},
-            **{f"split_{key}": value for key, value in asdict(split).items()},
+            **{f"split_{key}": value for key, value in split.parameters().items()},
         }
         runs = SearchRuns(registry, state.id, f"search {request.name}", parameters)
         with runs.running():
@@ -277,7 +277,7 @@ class _Search:
             "rule": RULE,
             "dataset": request.dataset.label,
             "dataset_hash": request.dataset.hash,
-            "split": asdict(request.split),
+            "split": request.split.parameters(),
             "parent_run_id": self._runs.parent_id,
             "tried": len(ranks),
             "trials": len(request.space.trials),

@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from tokt.features.common.terminal import say
 from tokt.features.common.workspace import DEFAULT_WORKSPACE
+from tokt.inference.reason import unknown_in_words
 
 from .options import (
     FixedBoundaryOption,
@@ -24,7 +25,7 @@ from .options import (
     WorkspaceOption,
     fields_of,
 )
-from .output import answer, figure, print_at_sea, print_patches, progress, scores
+from .output import answer, figure, print_at_sea, print_patches, progress, scores, unseen_in_words
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -104,6 +105,8 @@ def _print_comparison(result: dict[str, Any]) -> None:
             f"  {model['model']}: {scores(patch, between)}, macro-F1 {figure(patch['macro_f1'])}, "
             f"{model['time']['median_ms']:.1f} ms a frame"
         )
+        if unseen := model["unseen"]:
+            print(f"    {unseen_in_words(unseen)}")
         if frames is not None:
             print(
                 f"    false status in {frames['false_status']} of {frames['ocean_frames']} ocean "
@@ -181,8 +184,12 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
         f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames"
         + (f"; in {held} more it was held after an obstacle had left, by the rule" if held else "")
     )
-    print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
+    unknown, seen = frames["missed_unknown"], f"{frames['detected']} of {frames['obstacle_frames']}"
+    judged = f"; {unknown} of the others are unknown, whatever their patches say" if unknown else ""
+    print(f"  obstacle seen in {seen} obstacle frames{judged}")
     print(f"  status unknown in {frames['unknown']} of {frames['n']} frames")
+    for line in unknown_in_words(frames["unknown_reasons"]):
+        print(f"    {line}")
     print_at_sea(frames, "  ")
     if not missions:
         print(f"  first of three frames in a row with status 1: {frames['first_detection']}")

@@ -71,6 +71,15 @@ def print_patches(patch: dict[str, Any]) -> None:
         print_line(f"  classes: macro-F1 {figure(patch['macro_f1'])} ({by_class})")
 
 
+def unseen_in_words(unseen: dict[str, Any]) -> str:
+    """How many labelled frames a run would not call clear."""
+    count = sum(unseen["reasons"].values())
+    return (
+        f"a run would call {count} of the {unseen['frames']} labelled frames unknown where it "
+        "finds no obstacle"
+    )
+
+
 def scores(patch: dict[str, Any], between: str = "") -> str:
     """The figures of obstacle patches; `between` follows F1."""
     f1, precision, recall, average = (

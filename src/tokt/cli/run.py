@@ -85,20 +85,34 @@ def listen(
     host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
     count: Annotated[int | None, Option(help="Stop after this many datagrams.", min=1)] = None,
     timeout: Annotated[
-        float | None, Option(help="Tell when nothing came for so long.", min=0.1, max=86400)
+        float | None,
+        Option(
+            help="Tell when nothing came for so many seconds. Default: 1; with --json never.",
+            min=0.1,
+            max=86400,
+        ),
     ] = None,
     json_lines: Annotated[bool, Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
     """Show the datagrams that arrive, a line each, until Ctrl-C.
 
-    v2 numbers its datagrams: the missing ones are counted, for each sender by itself.
+    Silence is unknown: v1 has no other word for it, and sends nothing then. v2 numbers its
+    datagrams: the missing ones are counted, for each sender by itself.
     """
     from tokt.inference.clock import SYSTEM_CLOCK
-    from tokt.inference.outputs.listen import ReceivedDatagram, SenderMonitor, as_json, as_words
+    from tokt.inference.outputs.listen import (
+        DEFAULT_TIMEOUT_S,
+        ReceivedDatagram,
+        SenderMonitor,
+        as_json,
+        as_words,
+    )
     from tokt.inference.outputs.listen import listen as heard_on
 
     received = 0
     interrupted: list[bool] = []
+    if timeout is None and not json_lines:
+        timeout = DEFAULT_TIMEOUT_S
     watch = SenderMonitor(SYSTEM_CLOCK.monotonic(), timeout)
 
     def stopped() -> bool:

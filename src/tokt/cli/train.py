@@ -11,6 +11,7 @@ from typer import Argument, Option
 from tokt.features.common.errors import ToktError
 from tokt.features.common.terminal import say
 from tokt.features.common.workspace import DEFAULT_WORKSPACE
+from tokt.inference.reason import unknown_in_words
 
 from .options import (
     DatasetArgument,
@@ -23,7 +24,7 @@ from .options import (
     WorkspaceOption,
     fields_of,
 )
-from .output import answer, figure, print_at_sea, print_patches, progress, scores
+from .output import answer, figure, print_at_sea, print_patches, progress, scores, unseen_in_words
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -298,6 +299,10 @@ def _print_training(version: TrainedVersion) -> None:
         print(f"  at the operating point: {_frames(frames)}")
         print_at_sea(frames, "    ")
         print(f"  any patch over 0 an alarm: {_frames(metrics['frames_at_zero'])}")
+    if unseen := metrics.get("unseen"):
+        print(f"  {unseen_in_words(unseen)}")
+        for line in unknown_in_words(unseen["reasons"]):
+            print(f"    {line}")
     for name, one in metrics.get("stress", {}).items():
         print(
             f"  on pictures changed by {name}: F1 {figure(one['f1'])}, false status in "

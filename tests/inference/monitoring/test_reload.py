@@ -154,7 +154,7 @@ def test_a_new_model_of_another_camera_is_refused_until_that_camera_is_there(
         assert told.startswith(
             "model_refused: model noise/2 is refused: it cannot judge the newest"
         )
-        assert "frames are 360x100, the model learnt from 720x200" in told
+        assert "frames are 360x100, which the model did not learn" in told
         assert told.endswith("; the running model goes on")
         hand_clock.now += RETRY_S + 1
         assert run.frames(1, draw_strip) == []  # told once

@@ -159,8 +159,8 @@ def test_what_is_no_verdict_of_now_darkens_the_picture_and_covers_its_width():
         frame, whole = picture[BANNER : -PANEL - STRIP], clear[BANNER : -PANEL - STRIP]
         assert frame[:40].mean() < 0.5 * whole[:40].mean()
         middle = len(frame) // 2
-        assert (frame[middle - 65 : middle - 55] == 0).all()  # from edge to edge
-        striped = frame[middle - 75] > 0
+        assert (frame[middle - 79 : middle - 71] == 0).all()  # from edge to edge
+        striped = frame[middle - 85] > 0
         assert striped[:20].any() and striped[-40:].any()
 
 

@@ -44,7 +44,7 @@ def test_frames_of_other_sizes_are_judged_within_bounds(noise_scorer, width, hei
     frame = noisy(60, 9, height, width)
     found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, frame, None))
     assert (found.mask is not None) == judged
-    start = f"frames are {width}x{height}, the model learnt from 1360x1024 or 100x40"
+    start = f"frames are {width}x{height}, which the model did not learn. It judges others"
     assert found.fault.startswith("" if judged else start) and bool(found.fault) != judged
 
 
