@@ -18,7 +18,7 @@ from tokt.inference.report import Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
 from tokt.models.sight import MAX_TOGETHER
 
-WIDTH, BANNER, PANEL, STRIP = 720, 50, 98, 18
+WIDTH, BANNER, PANEL, STRIP = 720, 50, 120, 18
 """In pixels: of the picture, and the heights of what stands above and below the frame."""
 STRIP_S = 60.0
 """Seconds that the strip shows."""
@@ -31,7 +31,7 @@ _COLOURS: dict[str, Colour] = {"OBSTACLE": (30, 30, 200), "CLEAR": (60, 110, 20)
 _RANKS = {CLEAR: 1, UNKNOWN: 2, OBSTACLE: 3}
 """A column of the strip shows the worst status of its time, 0 where nothing was said."""
 _BARS = ((2, 3, _COLOURS["CLEAR"]), (1, 2, _YELLOW), (0, 3, _COLOURS["OBSTACLE"]))
-_LINE_CHARACTERS, _MOST_LINES = 76, 3
+_LINE_CHARACTERS, _MOST_LINES = 78, 4
 """Of a text as long as health may be, 250 bytes, at the size in which it is written."""
 _STRIPED = np.arange(WIDTH) % 28 < 14
 
@@ -240,7 +240,7 @@ def _draw_band(frame: U8, shown: Shown) -> None:
     band[:10, _STRIPED] = band[-10:, _STRIPED] = _YELLOW
     _write(band, shown.word, (None, 68), 2.1, _YELLOW)
     for line, text in enumerate(_lines(shown.why)):
-        _write(band, text, (None, 98 + 22 * line), 0.65, _WHITE)
+        _write(band, text, (None, 94 + 20 * line), 0.62, _WHITE)
 
 
 def _banner(shown: Shown) -> U8:
@@ -264,7 +264,7 @@ def _panel(shown: Shown) -> U8:
     panel = np.full((PANEL, WIDTH, 3), 20, np.uint8)
     facts = [f"{name} {text}" for name, text in shown.facts.items()]
     for line, text in enumerate(("   ".join(facts[:-1]), *_lines("".join(facts[-1:])))):
-        _write(panel, text, (9, 21 + 22 * line), 0.65, _WHITE)
+        _write(panel, text, (9, 21 + 22 * line), 0.62, _WHITE)
     return panel
 
 

@@ -317,9 +317,9 @@ def _words(
     near_copies = "dives" if unit == DIVE else "blocks of near copies"
     asked = f"Asked for: a false status in at most {_one_in(target.rate)} ocean frames."
     seen = (
-        f"Seen: {false} of {frames} held-out ocean frames ({blocks} {near_copies}). That "
-        f"alone shows no more than {bounds[0]:.2g} of frames ({BOUND_CONFIDENCE:.0%} confidence, "
-        f"were they independent) or {bounds[1]:.2g} of {unit}s"
+        f"With it, on the frames that it was chosen on: {false} of {frames} ocean frames "
+        f"({blocks} {near_copies}). That alone shows no more than {bounds[0]:.2g} of frames "
+        f"({BOUND_CONFIDENCE:.0%} confidence, were they independent) or {bounds[1]:.2g} of {unit}s"
     )
     if bounds[0] <= target.rate:
         limit = "."

@@ -135,7 +135,12 @@ def train(
     from tokt.training.fitting.train_options import train as train_version
 
     version = train_version(TrainOptions(**given), progress=progress)
-    answer(json, version.to_json(), lambda: _print_training(version))
+
+    def show() -> None:
+        _print_training(version)
+        _print_result(version)
+
+    answer(json, version.to_json(), show)
 
 
 def adapt(
@@ -219,6 +224,7 @@ def adapt(
     def show() -> None:
         _print_training(version)
         _print_adaptation(version.label, told)
+        _print_result(version, told["words"][0])
 
     answer(json, result, show)
 
@@ -289,14 +295,13 @@ def _print_training(version: TrainedVersion) -> None:
     metrics = version.metrics
     patch, frames = metrics["patch"], metrics["frames"]
     print(f"{version.label} (alias challenger)")
-    print(f"  {metrics['split']}")
     print_patches(patch)
     if patch["f1"] is not None:
         print("  F1 by fold: " + ", ".join(figure(fold["f1"]) for fold in metrics["folds"]))
     if "dives" in metrics:
         _print_dives(metrics)
     if patch["f1"] is not None and version.trained.request.dataset.block_frames is not None:
-        print(f"  at the operating point: {_frames(frames)}")
+        print(f"  at operating points that were chosen without them: {_frames(frames)}")
         print_at_sea(frames, "    ")
         print(f"  any patch over 0 an alarm: {_frames(metrics['frames_at_zero'])}")
     if unseen := metrics.get("unseen"):
@@ -317,6 +322,16 @@ def _print_training(version: TrainedVersion) -> None:
         print(f"  WORSE than {version.before} on its dives: {'; '.join(version.worse)}")
     if not metrics["converged"]:
         print("  the solver stopped at its iteration limit (unscaled features)")
+    print(f"  how this was measured: {metrics['split']}")
+
+
+def _print_result(version: TrainedVersion, gained: str = "") -> None:
+    """Print what a training came to, last, where people look."""
+    from tokt.training.fitting.result_words import result_in_words
+
+    print()
+    for line in result_in_words(version.label, version.trained, gained):
+        print(line)
 
 
 def _print_dives(metrics: dict[str, Any]) -> None:

@@ -50,7 +50,26 @@ def demo(
     if (mission is None) != (labels is None):
         raise ToktError("--mission and --labels go together")
     result = run_demo(out, mission, labels, frames, width, progress, say)
-    answer(json, result, lambda: say(f"report: {out / 'report.html'}"))
+    answer(json, result, lambda: _print_demo(result, out / "report.html"))
+
+
+def _print_demo(result: dict[str, Any], report: Path) -> None:
+    """Print what a demo found, in five lines."""
+    from tokt.training.fitting.result_words import at_sea_in_words
+
+    held, champion = result["held_back"][result["champion"]], result["champion"]
+    patch, mission = held["patch"], result["mission"]
+    doubt = f"another dive: these frames are of {mission}, from which it learnt"
+    if result["rendered"]:
+        doubt = "any real dive: a rendered one shows that the chain works, and no more"
+    say(f"Made: {len(result['held_back'])} models of {mission}. The champion is {champion}.")
+    say(
+        f"How good: of the obstacle patches in frames held back it finds {patch['recall']:.0%}. "
+        f"Of those that it calls obstacles {patch['precision']:.0%} are (F1 {patch['f1']:.3f})."
+    )
+    say(f"At sea: {at_sea_in_words(held['frames'])}")
+    say(f"Not known: how it does on {doubt}.")
+    say(f"Next: look at {report}. Then, with pictures of your own: tokt label DIR --model waters")
 
 
 def simulate(

@@ -236,3 +236,17 @@ def test_any_frame_and_any_words_are_drawn(shape, status, words):
     assert picture.shape[1] == WIDTH and picture.shape[0] < 2300
     assert picture.shape[2] == 3 and not picture.shape[0] % 2 and not picture.shape[1] % 2
     assert shown.facts["health"] == words
+
+
+def test_the_whole_reason_and_the_models_name_stand_in_the_picture():
+    words = "frames are 200x150, which the model did not learn. It judges others from 240 pixels"
+    fault = Fault(Reason.WRONG_SIZE, f"{words} of width on, 0.5 to 2.7 times as wide as high")
+    unknown = replace(moment(verdict=unknown_verdict(fault)), model="gate/2")
+    shown, picture = drawn(moment(), unknown)
+    assert shown.why == f"wrong_size: {fault}"
+    assert next(iter(shown.facts.items())) == ("model", "gate/2")
+    # Each line of it is as dark at its right edge as beyond its last letter: nothing is cut.
+    short, other = drawn(moment(), moment(verdict=DARK))
+    changed = np.argwhere((picture != other).any(axis=2))
+    band = changed[(changed[:, 0] > BANNER) & (changed[:, 0] < len(picture) - PANEL - STRIP)]
+    assert len(shown.why) > len(short.why) and band[:, 1].max() < WIDTH - 6

@@ -5,6 +5,7 @@ import signal
 import socket
 
 import cv2
+import numpy as np
 import pytest
 
 from tests.calls import Ran, call_tokt, refused, run_python, succeeds
@@ -15,6 +16,7 @@ from tests.models.conftest import small_content
 from tests.waiting import MAX_S, until
 from tokt.features.extractors.water import Colour
 from tokt.inference.outputs.udp import decode
+from tokt.inference.reason import Reason
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.store.store import Store
 
@@ -55,6 +57,17 @@ def test_a_run_sends_logs_and_sums_up(make_mission, bundle_file, receiver, tmp_p
     assert [line["frame"] for line in lines(log)] == [1, 2, 3]
     assert {line["model"] for line in lines(log)} == {"noise/7"}
     assert "no fallback" in lines(log)[0]["health"]
+
+
+def test_a_run_ends_with_the_reasons_of_what_is_unknown(make_mission, bundle_file):
+    folder = make_mission([[], [], [(4, 4)]])
+    for path in sorted((folder / "Left").iterdir())[:2]:
+        picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(path), np.full_like(picture, 255))
+    done = run("--bundle", bundle_file, "--source", folder, "--policy", "texture")
+    sums, unknown, advice = done.err.splitlines()[-3:]
+    assert "1 obstacle, 0 clear, 2 unknown" in sums and unknown == "unknown: 2 saturated"
+    assert advice == f"  saturated: {Reason.SATURATED.meaning} {Reason.SATURATED.advice}"
 
 
 def test_a_store_s_active_model_runs_to_two_receivers(
@@ -269,6 +282,14 @@ def test_listen_has_its_port_alone_and_shows_each_datagram_up_to_a_count(closed_
     shown = [json.loads(line) for line in out.splitlines()]
     assert process.returncode == 0 and len(shown) == 3
     assert shown[0]["x"] == -120 and "not a tokt datagram" in shown[1]["error"]
+
+
+def test_listen_tells_silence_without_being_asked(closed_port):
+    """Of v1 silence is all that unknown is."""
+    process = start_tokt("listen", "--port", closed_port)
+    assert "nobody yet  silent for" in process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=MAX_S) == 0
 
 
 def test_listen_ends_quietly_when_its_reader_does(closed_port, monkeypatch):

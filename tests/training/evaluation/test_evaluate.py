@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from tokt.features.frames.mission import open_mission
+from tokt.inference.reason import Reason
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.training.evaluation.evaluate import first_detection
@@ -276,3 +277,20 @@ def test_how_often_patches_are_obstacles_by_decision_value():
     assert [one["obstacle"] for one in found] == [0, 0, 0.5, 0, 1, 0, 1, 1]
     assert reliability(truth[:2], np.array([np.inf, np.inf])) == []
     assert [one["n"] for one in reliability(truth[:3], score[-3:])] == [1, 1, 1]
+
+
+def test_unknown_frames_are_told_by_reason_and_what_to_do(done, tiny_bundle, own_tiny):
+    """F1 says nothing of a frame that a run does not judge: the reasons stand beside it."""
+    frames = sorted((own_tiny.path / "Left").iterdir()) if (own_tiny.path / "Left").is_dir() else []
+    files = frames or sorted(own_tiny.path.glob("*.png"))
+    for path in files:
+        cv2.imwrite(str(path), np.zeros_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)))
+    on = ("--mission", own_tiny.path, "--labels", own_tiny.labels)
+    ran = done("evaluate", tiny_bundle, *on)
+    assert "obstacle seen in 0 of" in ran.out
+    assert "of the others are unknown, whatever their patches say" in ran.out
+    assert "status unknown in 40 of 40 frames\n    unknown: 40 dark\n" in ran.out
+    assert f"dark: {Reason.DARK.meaning} {Reason.DARK.advice}" in ran.out
+    told = json.loads(done("evaluate", tiny_bundle, "--json", *on).out)["frames"]
+    assert told["unknown_reasons"] == {"dark": 40}
+    assert told["missed_unknown"] == told["obstacle_frames"]
