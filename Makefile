@@ -10,6 +10,7 @@ SCRIPTS_READY := node_modules/ready
 
 # A checkout that tests run in has all that the demo needs.
 demo: $(if $(wildcard $(READY)),$(READY),$(DEMO_READY))
+	@echo "The demo takes about a minute: it renders a dive, trains four models and runs one."
 	$(BIN)/tokt demo --out demo-out
 
 # The docs' site in build/site, with the notebooks run: any warning, such as a dead link, is an error.
@@ -23,6 +24,7 @@ QUICK := proof or not (browser or process or study or load or fuzz)
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -q -n 3 --dist loadgroup --no-loadscope-reorder
 # `make test` tries a quarter of Hypothesis's examples, the same ones each time; the others try all.
 test: $(READY)
+	@echo "The tests take three to five minutes."
 	$(PYTEST) --hypothesis-profile=quick -m "$(QUICK)"
 
 # What `make test` left out, without what EXCEPT deselects.
@@ -124,23 +126,25 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Bytecode is written as it is needed: most of these packages is never imported. Where uv is
-# installed, it makes an environment in a third of the time that pip takes.
-INSTALL := $(if $(shell command -v uv),uv pip install --python $(BIN)/python,$(BIN)/python -m pip \
-	install --disable-pip-version-check --no-compile) --quiet -c constraints.txt
-# What an older checkout compiled would be imported in place of the new extension.
-NEW_VENV := $(PYTHON) -m venv $(VENV) && rm -f features/kernels/_native.*.so
+# What an older checkout compiled would be imported in place of the new extension. uv makes an
+# environment in a third of the time that pip takes; pip fetches it, and stands in where it fails.
+# pip writes no bytecode: most of these packages is never imported.
+define set_up
+@echo "Setting up $(VENV): half a minute to two minutes, most of it for downloads."
+$(PYTHON) -m venv $(VENV) && rm -f features/kernels/_native.*.so
+command -v uv >/dev/null || $(PIP) uv || true
+PATH="$$PATH:$(abspath $(BIN))" uv pip install --python $(BIN)/python -c constraints.txt $(1) || \
+	$(PIP) --no-compile $(1)
+touch $@
+endef
+PIP := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
 SOURCES := pyproject.toml setup.py constraints.txt studies/pyproject.toml studies/setup.py $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
 
 $(READY): $(SOURCES)
-	$(NEW_VENV)
-	$(INSTALL) -e '.[all,dev,docs,release]' -e studies
-	touch $@
+	$(call set_up,-e '.[all,dev,docs,release]' -e studies)
 
 $(DEMO_READY): $(SOURCES)
-	$(NEW_VENV)
-	$(INSTALL) -e '.[demo]' -e studies
-	touch $@
+	$(call set_up,-e '.[demo]' -e studies)
 
 $(SCRIPTS_READY): package.json $(READY)
 	$(NPM) install --silent

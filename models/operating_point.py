@@ -82,7 +82,7 @@ class MofNRule:
         frames = f"{each} in {self.m} of {self.n} frames"
         text = f"{patches} over the threshold{above}, {frames if self.n > 1 else 'in one frame'}"
         now = self.instant_margin
-        return text if now is None else f"{text}; or 1 by {now:.4g} at once"
+        return text if now is None else f"{text}; or 1 by {now:.4g} at once, in its first frame"
 
     def latency_words(self) -> str:
         """What the rule costs in time, for people."""
@@ -91,7 +91,7 @@ class MofNRule:
         late = "1 frame" if self.latency_frames == 1 else f"{self.latency_frames} frames"
         text = f"a status comes {late} after a patch first exceeds the margin, at the earliest"
         now = self.instant_margin
-        return text if now is None else f"{text}; at once above {now:.4g}"
+        return text if now is None else f"{text}; in that very frame above {now:.4g}"
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""

@@ -73,6 +73,8 @@ def open_mission(path: Path | str, name: str | None = None) -> Mission:
     mission: FolderMission | VideoMission
     if path.is_file():
         if path.suffix.lower() not in VIDEO_SUFFIXES:
+            if path.suffix.lower() in SUFFIXES:
+                raise ToktError(f"{path} is one picture: give the folder that it is in")
             raise ToktError(f"{path} is neither a folder of frames nor a video file")
         mission = VideoMission(path)
     elif path.is_dir():
@@ -98,7 +100,11 @@ def _numbered(folder: Path) -> dict[int, Path]:
             continue
         match = _NUMBER.search(path.stem)
         if match is None:
-            raise ToktError(f"{path}: the file name does not end in a frame number")
+            raise ToktError(
+                f"{path}: the file name does not end in a frame number. Labels go by it: copy the "
+                "pictures to names such as dive_0001.jpg, as the how-to Pictures without numbers "
+                "shows"
+            )
         number = int(match[1])
         if number in found:
             raise ToktError(f"{path} and {found[number].name} are both frame {number}")

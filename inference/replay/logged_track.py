@@ -86,7 +86,10 @@ def open_track(
     models = list(models_of_run(logged, store).values())
     classes = {name for model in models for name in model.model.named_classes}
     if not classes:
-        raise ToktError(f"{log}: findings need a model of several classes")
+        raise ToktError(
+            f"{log}: findings need a model of several classes; its dataset is one of tokt dataset "
+            "build --task classes"
+        )
     if len({model.grid for model in models}) != 1:
         raise ToktError(f"{log}: models of different grids judged in it")
     grid = models[0].grid

@@ -184,7 +184,9 @@ class LabelStore:
         self.path = path
         self._lock = threading.RLock()
         if not create and not path.is_file():
-            raise NoLabelsError(f"no label store {path}; labels come in by tokt labels import FILE")
+            raise NoLabelsError(
+                f"no label store {path}: tokt label DIR or tokt labels import FILE fills one"
+            )
         with self._user_errors():
             path.parent.mkdir(parents=True, exist_ok=True)
             # Where this process has it open, closing another look would take its locks off (POSIX).

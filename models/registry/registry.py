@@ -235,7 +235,10 @@ class Registry:
         self._artifacts = ((files_of or beside) / _ARTIFACTS).resolve()
         if self._database is not None and not local.exists():
             if not create:
-                raise ToktError(f"no model has been trained in workspace {workspace} yet")
+                raise ToktError(
+                    f"no model has been trained in workspace {workspace} yet (tokt train); the "
+                    "model waters comes with tokt"
+                )
             _create_database(local)
         if mlflow.active_run() is not None and mlflow.get_tracking_uri() != self.uri:
             # It could not be ended any more.

@@ -209,7 +209,8 @@ class Store:
     def check_folder(self) -> None:
         """Raise ToktError if the store is not there."""
         if not self.path.is_dir():
-            what = "is not a folder" if self.path.exists() else "does not exist"
+            what = "does not exist; tokt deploy makes one"
+            what = "is not a folder" if self.path.exists() else what
             raise ToktError(f"store {self.path} {what}")
 
     def check_fit(self, bundle: Bundle) -> None:

@@ -443,7 +443,10 @@ def open_dataset(reference: str, root: Path) -> DatasetVersion:
         pointer = home / "latest"
         if not pointer.is_file():
             known = ", ".join(sorted(path.parent.name for path in root.glob("*/latest")))
-            raise ToktError(f"no dataset {name!r} (there are: {known or 'none yet'})")
+            raise ToktError(
+                f"no dataset {name!r} (there are: {known or 'none yet'}); tokt dataset build makes "
+                "one"
+            )
         return DatasetVersion(home / pointer.read_text("utf-8").strip())
     found = [path.parent for path in home.glob(_VERSION_INFO)]
     fitting = [path for path in found if path.name.startswith(prefix[:HASH_CHARS])]

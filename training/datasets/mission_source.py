@@ -74,7 +74,7 @@ def labels_of_mission(
         if missing:
             raise ToktError(
                 f"mission {mission.path} has no {camera} frame {missing[0]}, which is labelled "
-                f"({len(missing)} such frames)"
+                f"({len(missing)} such frames); the labels are of mission {mine[0].mission!r}"
             )
     return mine, remark
 

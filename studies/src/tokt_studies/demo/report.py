@@ -96,7 +96,10 @@ def _chosen_frames(run: DemoRun, counts: list[int]) -> dict[int, str]:
     chosen |= dict.fromkeys(missed[:2], "an obstacle is labelled, but no status 1")
     rest = [frame for frame in scored.frames if frame not in chosen]
     sampled = evenly_spaced(rest, max(0, _PICTURES - len(chosen)))
-    return dict(sorted((chosen | dict.fromkeys(sampled, "evenly sampled")).items()))
+    chosen |= dict.fromkeys(sampled, "evenly sampled")
+    # Obstacles first: a report that begins with black water looks as if nothing worked.
+    labelled = dict(zip(scored.frames, counts, strict=True))
+    return dict(sorted(chosen.items(), key=lambda item: (not labelled[item[0]], item[0])))
 
 
 def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[str, Any]]:
