@@ -133,18 +133,18 @@ define set_up
 @echo "Setting up $(VENV): half a minute to two minutes, most of it for downloads."
 $(PYTHON) -m venv $(VENV) && rm -f features/kernels/_native.*.so
 command -v uv >/dev/null || $(PIP) uv || true
-PATH="$$PATH:$(abspath $(BIN))" uv pip install --python $(BIN)/python -c constraints.txt $(1) || \
-	$(PIP) --no-compile $(1)
+PATH="$$PATH:$(abspath $(BIN))" uv pip install --python $(BIN)/python -c constraints.txt $(TOKT) || \
+	$(PIP) --no-compile $(TOKT)
 touch $@
 endef
+TOKT = -e '.[$(EXTRAS)]' -e studies
 PIP := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
 SOURCES := pyproject.toml setup.py constraints.txt studies/pyproject.toml studies/setup.py $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
 
-$(READY): $(SOURCES)
-	$(call set_up,-e '.[all,dev,docs,release]' -e studies)
-
-$(DEMO_READY): $(SOURCES)
-	$(call set_up,-e '.[demo]' -e studies)
+$(READY): EXTRAS := all,dev,docs,release
+$(DEMO_READY): EXTRAS := demo
+$(READY) $(DEMO_READY): $(SOURCES)
+	$(set_up)
 
 $(SCRIPTS_READY): package.json $(READY)
 	$(NPM) install --silent

@@ -81,7 +81,7 @@ def test_faulty_frames_have_a_fault_and_no_suggestions(own_tiny, bundle, tmp_pat
         seven, eight, nine = (suggester.of("left", frame) for frame in (7, 8, 9))
         assert seven and eight and nine
         assert "truncated" in seven.fault and seven.classes.size == seven.values.size == 0
-        assert eight.fault.startswith("frames are 360x100, the model learnt from 360x272")
+        assert eight.fault.startswith("frames are 360x100, which the model did not learn")
         assert nine.fault == "" and nine.classes.size == 100
         assert ready(suggester) and len(suggester.known().frames) == 38
         assert not {7, 8} & set(suggester.known().frames.tolist())
