@@ -214,6 +214,8 @@ def plan_from_missions(
             f"mission {mission} is taken for single pictures, as {why}: each is held out alone. If "
             "it is a sequence, give --block 20"
         )
+    if set(sure.mission) <= set(single):
+        block_frames = 1
     if block_frames is None:
         classes = sure.label.map(taxonomy.is_obstacle) if task == BINARY else sure.label
         block_frames = bearable_block(sure, pd.factorize(classes)[0], sites, single)
@@ -274,7 +276,7 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
         [*stored, *added.frames],
         pd.concat([base.patches[_COLUMNS], added.patches], ignore_index=True),
         base.info["unsure_left_out"] + added.unsure,
-        base.block_frames,
+        None if base.block_frames is None else max(base.block_frames, added.block_frames or 1),
         [*base.info["sources"], *added.sources],
         {**base.sites, **added.sites},
         {**base.masks, **added.masks},

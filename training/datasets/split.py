@@ -271,7 +271,7 @@ def bearable_block(
 ) -> int:
     """Return the frames of a block: the most of `BLOCK_SIZES` with which there can be three folds.
 
-    It is the least of them where there can be none, and 1 where all frames are single pictures.
+    It is the least of them where there can be none.
 
     Parameters
     ----------
@@ -283,8 +283,6 @@ def bearable_block(
     single_pictures : mapping
         Missions whose frames are no sequence: each frame is a block of its own.
     """
-    if set(patches.mission) <= set(single_pictures):
-        return 1
     by = DIVE if patches.mission.nunique() > 1 else BLOCK
     for block in BLOCK_SIZES:
         split = Split(

@@ -24,7 +24,7 @@ from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.changed_patches import changed_patches
 from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.folds import DIVE, FULL_DIVE, Fold
+from tokt.training.datasets.folds import DIVE, FULL_DIVE, Fold, embargo_of
 from tokt.training.datasets.split import Split
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.evaluation.old_dives import falls
@@ -147,7 +147,11 @@ def adapted_request(
         raise ToktError(f"model {bundle.label} does not tell {', '.join(more)}: train another")
     several = known.dataset.patches.mission.nunique() > 1
     by, weight = by or (old.by if several else None), old.weight if several else None
-    split = Split.of(dataset, old.folds, old.embargo_frames, by, weight, sites)
+    # A model of single pictures has no embargo; a sequence that comes to it needs one.
+    embargo = old.embargo_frames
+    if known.dataset.block_frames == 1:
+        embargo = max(embargo, embargo_of(dataset.block_frames))
+    split = Split.of(dataset, old.folds, embargo, by, weight, sites)
     return TrainRequest(
         dataset,
         known.name,
@@ -196,7 +200,8 @@ class _NewDive:
         copied = np.isin(self.group[mine], self.group[~mine])
         self.testable = ~np.isin(np.arange(len(self.frames)), self.place[copied])
         self.listed = self.dataset.frames[self.dataset.frames.mission == name]
-        unseen = np.abs(self.frames[:, None] - self.frames) > request.split.embargo_frames
+        near = 0 if name in request.split.single_pictures else request.split.embargo_frames
+        unseen = np.abs(self.frames[:, None] - self.frames) > near
         for _, numbers in self.listed.groupby("digest").frame:
             same = np.isin(self.frames, numbers)
             unseen &= ~np.outer(same, same)

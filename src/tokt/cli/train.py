@@ -245,6 +245,7 @@ def _with_new_dive(
     """Write the next version of the model's dataset, with a new dive; return it and the dive."""
     from tokt.labels.record import NoLabelsError
     from tokt.training.datasets.dataset import write_dataset
+    from tokt.training.datasets.folds import BLOCK_FRAMES
     from tokt.training.datasets.mission_source import (
         labelled_missions,
         plan_from_missions,
@@ -259,7 +260,8 @@ def _with_new_dive(
             raise ToktError("adapt takes one new dive at a time")
         plan, remarks = plan_from_missions(
             *(base.name, base.task, missions, base.taxonomy, base.grid),
-            block_frames=base.block_frames or 1,
+            # That of a model of single pictures says nothing of a sequence.
+            block_frames=base.block_frames if (base.block_frames or 1) > 1 else BLOCK_FRAMES,
         )
         if not plan.frames:
             raise NoLabelsError(f"no patch of mission {missions[0].name!r} has a sure label")

@@ -35,8 +35,8 @@ both = st.lists(st.sampled_from([WATER, REEF]), min_size=1, max_size=4)
 def test_labels_bear_a_split_or_it_is_said_what_is_lacking(frames, single):
     table, targets = patches_of(frames)
     pictures = {"dive": "they have 2 sizes"} if single else {}
-    block = bearable_block(table, targets, {}, pictures)
-    assert block in ((1,) if single else BLOCK_SIZES)
+    block = 1 if single else bearable_block(table, targets, {}, {})
+    assert single or block in BLOCK_SIZES
     table = table.assign(group=blocks_of(table, block, pictures))
     asked = Split(5, embargo_of(block), single_pictures=tuple(pictures))
     try:
@@ -161,3 +161,33 @@ def test_six_photographs_make_a_model_and_five_are_refused_before_any_work(done,
     # Whoever knows better says so.
     built = build(range(1, 7), "--block", 2)
     assert "single pictures" not in built.err and "4 blocks of up to 2 frames" in built.out
+
+
+def test_a_sequence_that_comes_to_a_model_of_photographs_keeps_its_blocks(done, told, tmp_path):
+    where = ("--workspace", tmp_path / "ws")
+    widths = {"reef": [360, 380, 400] * 2, "wall": [380, 400, 360] * 2, "dive": [390] * 24}
+    folders = {name: photographs(tmp_path / name, sizes) for name, sizes in widths.items()}
+
+    def source(name):
+        numbers = range(1, len(widths[name]) + 1)
+        rows = [
+            [name, "left", frame, row, col, "reef" if col > 6 else "ocean"]
+            for frame in numbers
+            for row in range(10)
+            for col in range(10)
+        ]
+        labels = write_labels(tmp_path / f"{name}.csv", rows)
+        return ("--mission", folders[name], "--labels", labels)
+
+    done("dataset", "build", "all", *source("reef"), *where)
+    done("train", "all", "--name", "m", "--preset", "plain", "--extractor", "lbp", *where)
+    adapt = ("adapt", "m/1", "--draws", 1, "--jobs", 1, "--force", "a test", *where)
+    photos = told(*adapt, *source("wall"))["dataset"]
+    both = told("dataset", "show", photos, *where)
+    assert both["block_frames"] == 1 and both["groups"] == 12
+    built = told("dataset", "build", "all", *source("reef"), *source("wall"), *where)
+    assert built["label"] == photos
+    dive = told("dataset", "show", told(*adapt, *source("dive"))["dataset"], *where)
+    # Frames 1 to 19 and 20 to 24 of the dive are a block each.
+    assert dive["block_frames"] == 20 and dive["groups"] == 6 + 2
+    assert set(dive["single_pictures"]) == {"reef"}
