@@ -110,7 +110,9 @@ class Split:
             )
         if folds is None:
             with naming(f"dataset {dataset.label}"):
-                split = split.borne_by(dataset.patches, targets, dataset.block_frames, with_choices)
+                split = split.borne_by(
+                    *(dataset.patches, targets, dataset.block_frames, with_choices), by is None
+                )
         return split
 
     @classmethod
@@ -170,12 +172,14 @@ class Split:
         targets: I64,
         block_frames: int | None,
         with_choices: bool = True,
+        or_blocks: bool = False,
     ) -> Self:
         """Return this split with as many folds as the labelled frames can bear, five at the most.
 
         Where each block has one labelled frame and there are few, each is held out alone. Patches
         and targets are as in `blocked_folds`, cut into blocks of `block_frames`. `with_choices`
-        says whether something is chosen inside each training part, as for `check`.
+        says whether something is chosen inside each training part, as for `check`. With `or_blocks`
+        blocks are held out where a dive alone has too few to choose by.
 
         Raises ToktError where two folds are too many: it says how many more frames are needed.
         """
@@ -196,6 +200,9 @@ class Split:
                 why = error
             else:
                 return split
+        if self.by == DIVE and or_blocks:
+            self.cut(patches, targets)  # a class that one dive alone has is no matter of choices
+            return replace(self, by=BLOCK).borne_by(patches, targets, block_frames, with_choices)
         raise why
 
     def judged_words(self, dataset: DatasetVersion) -> str:

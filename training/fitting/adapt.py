@@ -151,7 +151,12 @@ def adapted_request(
     embargo = old.embargo_frames
     if known.dataset.block_frames == 1:
         embargo = max(embargo, embargo_of(dataset.block_frames))
-    split = Split.of(dataset, old.folds, embargo, by, weight, sites)
+    asked = embargo, by, weight, sites
+    split = Split.of(dataset, old.folds, *asked)
+    try:
+        split.check(dataset.patches, dataset.targets())
+    except ToktError:  # the new dive alone is too small to choose by
+        split = Split.of(dataset, None, *asked)
     return TrainRequest(
         dataset,
         known.name,
