@@ -14,6 +14,8 @@ from PIL import Image, UnidentifiedImageError
 from tokt.features.frames.mission import LEFT, Mission, VideoMission
 
 _MAX_READ = 20
+_LEAST_SIZES = 3
+"""Sizes of the pictures of one folder: a camera that is set anew has two."""
 _LEAST_CHANGES = 0.25
 """Part of neighbours in the order of their numbers that differ in size; a camera that is set anew
 in the middle of a dive changes its size once."""
@@ -26,8 +28,9 @@ _EXIF, _TAKEN = 0x8769, 0x9003
 def why_single_pictures(mission: Mission) -> str:
     """Return how it is known that a mission is no sequence; empty where it may be one.
 
-    Known are pictures that change in size from one to the next, and photographs whose cameras
-    wrote down times (Exif) that lie apart. At most 20 files are read, and none is decoded.
+    Known are pictures of three sizes or more, or whose size changes from one to the next, and
+    photographs whose cameras wrote down times (Exif) that lie apart. At most 20 files are read, and
+    none is decoded.
     """
     if isinstance(mission, VideoMission) or len(mission.cameras) > 1:
         return ""
@@ -43,7 +46,7 @@ def why_single_pictures(mission: Mission) -> str:
             return ""
     pairs = len(sizes) - 1
     changes = sum(one != other for one, other in pairwise(sizes))
-    if pairs and changes >= _LEAST_CHANGES * pairs:
+    if len(set(sizes)) >= _LEAST_SIZES or (pairs and changes >= _LEAST_CHANGES * pairs):
         return f"they have {len(set(sizes))} sizes"
     apart = _median_apart_s(times)
     if apart >= _LEAST_APART_S:

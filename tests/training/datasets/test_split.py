@@ -110,7 +110,8 @@ def photographs(folder, sizes, apart_s=None):
 @pytest.mark.parametrize(
     ("sizes", "apart_s", "why"),
     [
-        ([360, 380, 380, 360, 400, 400], None, "they have 3 sizes"),
+        ([360] * 5 + [380] * 5 + [400] * 5, None, "they have 3 sizes"),
+        ([360, 380, 380, 360, 360, 360], None, "they have 2 sizes"),
         ([360] * 6, 30, "their cameras took them 30 s apart"),
         ([360] * 6, 2, ""),  # a camera that is set to take one each two seconds
         ([360] * 6, None, ""),
