@@ -165,7 +165,7 @@ function jobs() {
     el("p", { text: mission.blind ? "Not while you label blind." : model }),
     button("Train a model of these labels", start({ what: "model" }), {
       class: "main", disabled: mission.blind,
-      title: "Takes minutes; it needs labels of water and of obstacles on some twenty frames.",
+      title: "Takes minutes; it needs six labelled frames, water in three of them and obstacles in three.",
     }),
     button("Look for labels that may be wrong", start({ what: "audit" }), {
       disabled: mission.blind,
