@@ -187,9 +187,9 @@ class Split:
         if words:
             raise ToktError(words)
         blocks = patches.groupby("group").frame.nunique()
-        of_class = patches.groupby(targets).group.nunique()
+        of_class = patches.groupby(["mission", targets]).group.nunique()
         if of_class.min() >= FOLDS * LEAST_BLOCKS:
-            return self  # sure to pass, and of a million patches `check` takes a minute
+            return self  # each dive has plenty, and of a million patches `check` takes a minute
         few = len(blocks) <= MAX_BLOCKS_ALONE and blocks.max() == 1
         numbers = [*([len(blocks)] if few else []), *range(FOLDS, 1, -1)]
         for folds in numbers:

@@ -81,6 +81,17 @@ def test_a_short_sequence_has_shorter_blocks_and_three_blocks_are_three_folds():
     assert set(blocks_of(photos, 20, ["photos"])) == {f"photos#{n:05d}" for n in range(5)}
 
 
+def test_a_dive_that_is_too_small_to_choose_by_is_split_with_the_other_by_blocks():
+    long, its = patches_of({n: [WATER, REEF] for n in range(0, 1200, 7)}, "long")
+    short, more = patches_of({n: [WATER, REEF] for n in (1, 2, 3)}, "short")
+    table, targets = pd.concat([long, short], ignore_index=True), np.concatenate([its, more])
+    table = table.assign(group=blocks_of(table, 20, ()))
+    by_dive = Split(5, 5, "dive")
+    refuses("blocks of frames are too few", by_dive.borne_by, table, targets, 20)
+    split = by_dive.borne_by(table, targets, 20, or_blocks=True)
+    assert (split.by, split.folds) == ("block", 5)
+
+
 def test_what_is_lacking_is_counted_and_named():
     table, targets = patches_of({1: [WATER], 2: [WATER, REEF], 3: [WATER], 4: [WATER]})
     words = too_few_frames(table.assign(group=table.frame), targets, 1)
