@@ -1,16 +1,16 @@
-"""The pages of the reference that are made from the code, as Markdown; none of them is committed.
+"""The pages of the reference that are made from the code: ``python docs/generate_reference.py``.
 
-``python docs/generate_reference.py NAME`` prints one; the site's build makes all (`site_hooks.py`).
+It writes them into docs/reference, below what people wrote there. A test holds them to the code.
 """
 
 import dataclasses
 import importlib
 import inspect
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby
 from operator import attrgetter, itemgetter
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,6 +26,8 @@ from tokt.inference.reason import Reason
 from tokt.inference.recording.run_start import ModelName
 from tokt.inference.report import LOG_ONLY, MEANINGS, SINCE, V1_FIELDS, V2_FIELDS, ReportField
 
+REFERENCE = Path(__file__).parent / "reference"
+MADE = "<!-- Made by docs/generate_reference.py, from here to the end. -->\n"
 PYTHON_MODULES = ("tokt", "tokt.sklearn", "tokt.mlflow")
 """Those whose public names (`__all__`) the Python page shows."""
 STEPS = {
@@ -151,7 +153,7 @@ def _overview(root: Any) -> list[str]:
 def _command(name: str, command: Any) -> list[str]:
     context = typer.Context(command, info_name=name)
     usage = " ".join([name, *command.collect_usage_pieces(context)])
-    lines = [f"## {name} {{ #{name.replace(' ', '-')} }}", "", f"```\n{usage}\n```", ""]
+    lines = [f"## {name}", "", f"```\n{usage}\n```", ""]
     lines += [as_cell(part) + "\n" for part in (command.help or "").split("\n\n")]
     panels: dict[str, list[list[str]]] = {}
     for param in command.params:
@@ -176,7 +178,7 @@ def config() -> str:
             for each in options
         ]
         heads = ["key", "value", "default", "only for", "meaning"]
-        lines += [f"### [{section}] {{ #{section} }}", "", table(heads, rows)]
+        lines += [f"### [{section}]", "", table(heads, rows)]
     return "\n".join(lines)
 
 
@@ -295,24 +297,38 @@ def _version(place: str) -> int:
     return getattr(importlib.import_module(package + module), name)
 
 
-def python() -> str:
-    """The public names, which mkdocstrings fills in."""
+def python(site: bool = False) -> str:
+    """The public names and what each is; on the site mkdocstrings fills them in."""
     lines = [
         "# Python\n\n`import tokt` is quick: each name is loaded when it is first used.\n",
         "Names that read or train need the [extra](../install.md) that their error names.\n",
     ]
+    if not site:
+        lines += ["`help(tokt.Grid)` shows parameters and fields, and so does the site.\n"]
     for module in map(importlib.import_module, PYTHON_MODULES):
-        lines += [f"## {module.__name__} {{ #module-{module.__name__} }}", ""]
-        if module is not tokt:
+        anchor = f" {{ #module-{module.__name__} }}" if site else ""
+        lines += [f"## {module.__name__}{anchor}", ""]
+        if module is not tokt and site:
             lines += [f"::: {module.__name__}", "    options:", "      members: false"]
             lines += ["      show_root_heading: false", "      show_root_toc_entry: false", ""]
         placed = sorted(_place(module, name) for name in getattr(module, "__all__", ()))
         for step, group in groupby(placed, itemgetter(0)):
             lines += [f"### {[*STEPS.values()][step]}", ""] if module is tokt else []
-            for *_, name in group:
-                lines += [f"::: {module.__name__}.{name}", "    options:", "      heading_level: 4"]
-                lines += ["", *_fields(getattr(module, name)), ""]
+            names = [name for *_, name in group]
+            lines += _filled_in(module, names) if site else [_summaries(module, names)]
     return "\n".join(lines)
+
+
+def _filled_in(module: Any, names: Iterable[str]) -> Iterator[str]:
+    for name in names:
+        yield from (f"::: {module.__name__}.{name}", "    options:", "      heading_level: 4")
+        yield from ("", *_fields(getattr(module, name)), "")
+
+
+def _summaries(module: Any, names: Iterable[str]) -> str:
+    found = ((name, inspect.getdoc(getattr(module, name)) or "") for name in names)
+    rows = [[f"`{name}`", as_cell(text.partition("\n\n")[0])] for name, text in found]
+    return table(["name", "what it is"], rows)
 
 
 def _place(module: Any, name: str) -> tuple[int, bool, str]:
@@ -357,8 +373,19 @@ PAGES: dict[str, Callable[[], str]] = {
     page.__name__: page
     for page in (command_line, config, report, reasons, exit_codes, metrics, formats, python)
 }
-"""What makes each page, by its name in docs/reference. Where a file of that name is there as well,
-it is the page's beginning."""
+"""What makes each page, by its name in docs/reference."""
+
+
+def pages() -> dict[Path, str]:
+    """Each page as it has to be: what people wrote at its beginning, and what is made."""
+    found = {}
+    for name, make in PAGES.items():
+        path = REFERENCE / f"{name}.md"
+        head = path.read_text("utf-8").partition(MADE)[0] if path.exists() else ""
+        found[path] = head + MADE + re.sub(r"\n{3,}", "\n\n", f"\n{make().strip()}\n")
+    return found
+
 
 if __name__ == "__main__":
-    print(PAGES[sys.argv[1]]())
+    for page, text in pages().items():
+        page.write_text(text, "utf-8", newline="\n")

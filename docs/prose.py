@@ -43,8 +43,10 @@ ROOMS = ("src/tokt/cli", "studies/src/tokt_studies", *STEPS)
 
 _ABBREVIATION = re.compile(r"(e\.g|i\.e|vs|cf|etc|approx|no|fig|eq|pp?)\.")
 _MARKDOWN = MarkdownIt("commonmark").enable("table")
-_NOT_SHOWN = re.compile(r"\A---\n.*?\n---\n|<!--.*?-->|<(style|script)\b.*?</\1>", re.DOTALL)
-"""A page's front matter, comments, style and scripts."""
+_NOT_SHOWN = re.compile(
+    r"\A---\n.*?\n---\n|<!-- Made by .*\Z|<!--.*?-->|<(style|script)\b.*?</\1>", re.DOTALL
+)
+"""A page's front matter, what a program made at its end, comments, style and scripts."""
 _ADMONITION = re.compile(
     r"^ *(?:!!!|\?{3}\+?|===) *\w*(?: *\"(.*)\")?((?:\n+(?: {4}.*)?)*)", re.MULTILINE
 )

@@ -1,4 +1,4 @@
-"""The steps of MkDocs that are the site's own: generated pages, notebooks as pages, links outside.
+"""The steps of MkDocs that are the site's own: the Python page, notebooks as pages, links outside.
 
 Notebooks are committed without outputs. With ``TOKT_NOTEBOOKS=run`` the build runs them and shows
 what they print and draw.
@@ -18,7 +18,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 sys.path.insert(0, str(Path(__file__).parent))
-from generate_reference import PAGES
+from generate_reference import python
 
 RUN_NOTEBOOKS = os.environ.get("TOKT_NOTEBOOKS") == "run"
 MAX_CELL_S = 600
@@ -27,10 +27,11 @@ _EXTERNAL = re.compile(r'href="(https?://[^"]+)"')
 _external: dict[str, set[str]] = {}
 
 
-def on_page_markdown(markdown: str, page: Page, **_: Any) -> None:
-    """Put the long appendix last in the search."""
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str | None:
+    """Put the long appendix last in the search; have mkdocstrings fill in the Python page."""
     if page.file.src_uri == "thesis.md":
         page.meta["search"] = {"boost": 0.2}
+    return python(site=True) if page.file.src_uri == "reference/python.md" else None
 
 
 class NotebookFile(File):
@@ -47,19 +48,12 @@ class NotebookFile(File):
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Take notebooks as pages, and add the pages that are made from the code."""
+    """Take notebooks as pages."""
     for file in [*files]:
         if file.src_uri.endswith(".ipynb"):
             files.remove(file)
             place = (file.src_uri, config.docs_dir, config.site_dir, config.use_directory_urls)
             files.append(NotebookFile(*place))
-    for name, make in PAGES.items():
-        place = f"reference/{name}.md"
-        head, text = files.get_file_from_path(place), make()
-        if head is not None:
-            text = f"{head.content_string}\n{text}"
-            files.remove(head)
-        files.append(File.generated(config, place, content=text))
     return files
 
 

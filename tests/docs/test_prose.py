@@ -81,6 +81,7 @@ def test_a_long_sentence_is_found(prose, texts, written, line):
         f"`{LONG}` is one word.",
         f"<!-- {LONG} -->",
         f"---\ntitle: {LONG}\n---\n",
+        f"Head.\n\n<!-- Made by a program. -->\n\n{LONG}\n",
     ],
 )
 def test_no_sentence_is_made_of_several_nor_of_code(prose, page):

@@ -27,6 +27,12 @@ def cells(page, title):
     return [line.split("`")[1] for line in below.splitlines()[2:]]
 
 
+def test_the_committed_pages_are_what_the_code_says(reference):
+    """`python docs/generate_reference.py` makes them anew."""
+    stale = {path.name for path, text in reference["pages"]().items() if path.read_text() != text}
+    assert stale == set()
+
+
 def test_every_field_has_its_meaning_and_stands_in_the_order_it_is_sent(reference):
     assert list(MEANINGS) == [each.name for each in FIELDS]
     assert set(SINCE) == {each.since for each in FIELDS}
@@ -60,7 +66,7 @@ def test_every_option_of_a_run_is_a_key_of_the_page(reference):
 def test_every_command_and_option_of_help_is_on_the_page(reference, run_tokt):
     page = reference["command_line"]()
     for command in ("train", "labels import", "run", "models promote"):
-        section = page.split(f"\n## tokt {command} ", 1)[1].split("\n## ")[0]
+        section = page.split(f"\n## tokt {command}\n", 1)[1].split("\n## ")[0]
         options = re.findall(r"(?<=  )--[a-z][\w-]+", run_tokt(*command.split(), "--help").out)
         assert len(options) > 2
         missing = {each for each in options if each not in section} - {"--help"}
