@@ -2,8 +2,8 @@
 
 ``POST /api/job`` with ``{"what": "audit"}`` audits the labels; ``{"what": "model"}`` trains a model
 of them, exports it into the workspace's ``models/``, and suggests what it says. ``GET /api/job``
-answers how it goes, with the last lines that were printed; so does ``job`` of the status event,
-without them. ``POST /api/job/cancel``.
+answers how it goes, with the last lines printed and the ``result``; so does ``job`` of the status
+event, without them. ``POST /api/job/cancel``.
 """
 
 from collections.abc import Sequence
@@ -75,4 +75,7 @@ def post_cancel(session: SessionOf, body: CancelBody) -> Response:
 
 def _job(session: Session) -> Response:
     last = session.jobs.last
-    return json_response({"job": last and {**last.to_json(), "lines": list(last.lines)}})
+    if last is None:
+        return json_response({"job": None})
+    printed = {"lines": list(last.lines), "result": last.result}
+    return json_response({"job": {**last.to_json(), **printed}})

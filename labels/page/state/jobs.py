@@ -18,7 +18,7 @@ RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
 GRACE_S = 5.0
 """How long a command that is cancelled may put away what it began."""
 _NICE = 10
-_LINES, _LONG = 30, 500
+_LINES, _LONG, _RESULT = 30, 500, 5
 _PROGRESS = re.compile(r"(.+): (\d+)/(\d+)(?:, about .*)?")
 _ERROR = "tokt: error: "
 
@@ -34,15 +34,25 @@ class Job:
     progress: dict[str, Any] | None = None
     error: str = ""
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=_LINES))
+    result: list[str] = field(default_factory=list)  # the last lines of the step that found it
+    said: deque[str] = field(default_factory=lambda: deque(maxlen=_RESULT))  # by this step
 
     def hear(self, line: str) -> None:
         """Take in a line that the command printed."""
         self.lines.append(line[:_LONG])
         if found := _PROGRESS.fullmatch(line):
             self.progress = {"what": found[1], "done": int(found[2]), "total": int(found[3])}
+        elif line:
+            self.said.append(line[:_LONG])
+
+    def end_step(self, command: str) -> None:
+        """Keep what the step said; an export only says where its file is."""
+        if command != "export":
+            self.result = list(self.said)
+        self.said.clear()
 
     def to_json(self) -> dict[str, Any]:
-        """All but the lines, as pages get it."""
+        """All but what was printed, as pages get it."""
         names = ("what", "steps", "step", "state", "progress", "error")
         return {name: getattr(self, name) for name in names}
 
@@ -88,6 +98,7 @@ class Jobs:
         try:
             for job.step, words in enumerate(commands, 1):
                 self._run_one(job, words)
+                job.end_step(words[0])
             if job.state == RUNNING:  # nobody cancelled it in the last moment
                 then()
             error = ""

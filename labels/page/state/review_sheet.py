@@ -132,7 +132,8 @@ def _values(
     values = np.full(len(own.rows), np.nan)
     places = np.flatnonzero(known.good[own.rows])
     if not len(places):
-        return values, "in the order of the frames: none has been looked at so far"
+        unread = bool(len(own.rows)) and known.done == len(known.numbers)
+        return values, "in the order of the frames" + (": none can be read" if unread else "")
     looks = _Samples.of(known, own, places)
     rest = [_sample(known, other, MAX_TRAINED // len(others)) for other in others]
     rest = [part for part in rest if len(part.blocks)]

@@ -73,7 +73,7 @@ def test_a_phone_shows_all_of_it_without_scrolling_sideways(open_page, view):
     until_says(view, page, "OBSTACLE", patches=[(4, 2)])
     named = [page.locator(kind).all_inner_texts() for kind in ("dt", "dd")]
     facts = dict(zip(*named, strict=True))
-    assert list(facts) == ["verdict", "age", "steer", "model", "health"]
+    assert list(facts) == ["verdict", "age", "model", "steer", "health"]
     assert facts["steer"].startswith("right") and facts["age"].endswith(" s")
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
     box = page.locator("img").bounding_box()

@@ -158,4 +158,4 @@ def test_an_exported_bundle_says_where_it_comes_from(trained, tiny_bundle):
     assert provenance["mlflow_run_id"] == Registry(trained).find("tiny-lbp").run_id
     assert len(bundle.content.trained_on) == 40
     assert len(bundle.content.golden.frames) == 2
-    assert "cross-validation over whole blocks" in bundle.content.card
+    assert "cross-validation over blocks of" in bundle.content.card

@@ -237,7 +237,7 @@ def test_models_of_several_dives_are_held_out_and_compared_by_dive(two_dives, to
     train = ("train", "two", "--preset", "plain", *where)
     by_block = ("--folds", 3, "--embargo", 1, "--split", "block", "--weight", "patch")
     blocks = told(*train, "--extractor", "lbp", "--name", "blocks", *by_block)
-    assert "3-fold cross-validation over whole blocks" in blocks["cv"]["split"]
+    assert "3-fold cross-validation over blocks of" in blocks["cv"]["split"]
     assert "Every dive" not in blocks["cv"]["split"] and len(blocks["cv"]["dives"]) == 2
     folds = "in other folds: give --mission DIR and --labels CSV"
     refused(folds, "compare", "lbp", "blocks", *where)

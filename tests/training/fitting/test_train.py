@@ -28,6 +28,7 @@ from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.folds import FULL_DIVE, Dives, Fold, blocked_folds
+from tokt.training.datasets import split as split_module
 from tokt.training.datasets.split import Split
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting import classifier, cross_validation
@@ -68,6 +69,7 @@ def request_for(trained):
 ELSEWHERE = """
 import json, sys
 from pathlib import Path
+from tokt.training.datasets import split as split_module
 from tokt.training.datasets.split import Split
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.fitting.presets import extractor_for, settings_named
@@ -139,12 +141,12 @@ def test_labels_shuffled_inside_blocks_are_told_apart_no_better_than_by_chance(
     found = [against_chance(made, seed, monkeypatch) for seed in range(4)]
     assert np.abs(np.mean(found, axis=0) - 0.5).max() < 0.1
 
-    def leaking(patches, targets, n_folds, embargo_frames):
+    def leaking(patches, targets, n_folds, embargo_frames, single_pictures):
         """A random split, which leaves near copies on both sides."""
         splitter = StratifiedKFold(n_folds, shuffle=True, random_state=0)
         return [Fold(*parts) for parts in splitter.split(patches, targets)]
 
-    monkeypatch.setattr(cross_validation, "blocked_folds", leaking)
+    monkeypatch.setattr(split_module, "blocked_folds", leaking)
     # What the bound above would not let through.
     assert min(against_chance(made, 0, monkeypatch)) > 0.9
 
@@ -158,10 +160,10 @@ def test_choice_and_weights_of_a_fold_do_not_see_its_test_part(blocks, monkeypat
     folds = blocked_folds(blocks.patches, truth, 3, 2)
     original = blocked_folds
 
-    def same_outer_folds(patches, targets, n_folds, embargo):
-        return folds if len(patches) == 300 else original(patches, targets, n_folds, embargo)
+    def same_outer_folds(patches, targets, *how):
+        return folds if len(patches) == 300 else original(patches, targets, *how)
 
-    monkeypatch.setattr(cross_validation, "blocked_folds", same_outer_folds)
+    monkeypatch.setattr(split_module, "blocked_folds", same_outer_folds)
 
     def run(targets):
         monkeypatch.setattr(type(blocks), "targets", lambda self: targets)
@@ -593,7 +595,7 @@ def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
 
 @pytest.mark.parametrize("what", ["mission", "group"])
 def test_of_very_many_patches_some_blocks_are_judged(what, fabricate, monkeypatch):
-    monkeypatch.setattr(cross_validation, "MAX_JUDGED", 200)
+    monkeypatch.setattr(split_module, "MAX_JUDGED", 200)
     numbers = [n % 40 if what == "mission" else n for n in range(480)]
     missions = [f"dive_{n // 40:02d}" if what == "mission" else "dive" for n in range(480)]
     groups = [f"{name}#{n // 10:03d}" for name, n in zip(missions, numbers, strict=True)]

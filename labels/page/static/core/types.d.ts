@@ -290,7 +290,7 @@ export interface Answers {
   "/api/classes": ClassesAnswer;
   "/api/export": { labels: number, lost: string[] };
   "/api/fixed_marks": { cells: number[] | null };
-  "/api/job": {job: (Job & { lines: string[] }) | null};
+  "/api/job": {job: (Job & { lines: string[], result: string[] }) | null};
 }
 
 export interface Posted {

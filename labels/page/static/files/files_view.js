@@ -165,7 +165,7 @@ function jobs() {
     el("p", { text: mission.blind ? "Not while you label blind." : model }),
     button("Train a model of these labels", start({ what: "model" }), {
       class: "main", disabled: mission.blind,
-      title: "Takes minutes; it needs six labelled frames, water in three of them and obstacles in three.",
+      title: "Takes minutes. It needs six labelled frames: water in three of them, obstacles in three.",
     }),
     button("Look for labels that may be wrong", start({ what: "audit" }), {
       disabled: mission.blind,
@@ -179,7 +179,7 @@ function cancelJob() {
 }
 
 /** @type {Record<string, string>} */
-const SAID = { done: "Done", failed: "Failed", cancelled: "Cancelled" };
+const SAID = { done: "Result", failed: "Failed", cancelled: "Cancelled" };
 
 async function showJob() {
   const here = view.parts;
@@ -191,12 +191,14 @@ async function showJob() {
   const doing = what ? `${what}, ${done} of ${total}` : "begins";
   const answer = await get("/api/job").catch(onFailure());
   if (here !== view.parts || job !== mission.job) return; // there is news by now
+  const result = (job.state === "done" && answer?.job?.result) || [];
   here.job.replaceChildren(
     el("p", { class: job.state === "failed" ? "bad" : "" ,
       text: running
         ? `${name}: step ${job.step} of ${job.steps}, ${doing}.`
         : `${name}. ${SAID[job.state]}${job.error ? `: ${job.error}` : "."}`,
     }),
+    ...(result.length ? [lines(result)] : []),
     ...(running && total ? [el("progress", { max: total, value: done, "aria-label": what })] : []),
     ...(running ? [button("Cancel", cancelJob)] : []),
     ...(job.state === "done" && job.what === "audit" ? [button("Look at them", () => go("#/audit"))] : []),

@@ -55,7 +55,7 @@ function surePercent() {
 
 const NO_MODEL =
   "No model yet. It would suggest a class for each patch, and you would only mend what is wrong. " +
-  "It learns from six labelled frames or more: water in three, obstacles in three.";
+  "It learns from six labelled frames or more: water in three of them, obstacles in three.";
 
 function showModel(/** @type {HTMLElement} */ root, /** @type {string} */ said) {
   const { model } = mission;

@@ -4,7 +4,7 @@
 import { allow, pager, sizeButtons } from "../core/controls.js";
 import { button, el } from "../core/dom.js";
 import { reachable } from "../core/keys.js";
-import { chosenClass, mission, selectClass, setSetting, setting } from "../core/mission.js";
+import { chosenClass, frames, mission, selectClass, setSetting, setting } from "../core/mission.js";
 import { blindFrames } from "../labelling/blind_list.js";
 import { buildDrawer } from "../labelling/drawer.js";
 import { filterSelect } from "../labelling/filters.js";
@@ -71,6 +71,11 @@ export class OverviewBar {
     this.drawer.show(said);
     this.words.textContent = advice(waiting, said);
   }
+}
+
+/** Which frames are shown, and how many of the camera's. @param {string} camera @param {number[]} shown */
+export function rangeWords(camera, shown) {
+  return `${camera} frames ${shown[0]} to ${shown.at(-1)}: ${shown.length} of ${frames(camera).length}`;
 }
 
 function advice(/** @type {number} */ waiting, /** @type {string} */ said) {

@@ -16,7 +16,7 @@ import { asksFirst, leftWords, restOf } from "../labelling/painting.js";
 import { framesFollowed, kindOf, modelObstacles } from "../labelling/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { act, actOn, changesOf, patchesAre, withdraw } from "../saving/saver.js";
-import { OverviewBar } from "./overview_bar.js";
+import { OverviewBar, rangeWords } from "./overview_bar.js";
 import { newPage, page, parts, view } from "./overview_state.js";
 import { Thumb, contentOf } from "./thumb.js";
 import { paintOver } from "./thumb_painting.js";
@@ -230,7 +230,7 @@ const drawStrokeSoon = soon(() => view.page?.touched.forEach(drawThumb));
 function showWords() {
   const { camera, thumbs } = page();
   const range = thumbs.length
-    ? `${camera} ${thumbs[0].frame}–${thumbs[thumbs.length - 1].frame} of ${frames(camera).length}`
+    ? rangeWords(camera, thumbs.map(({ frame }) => frame))
     : `${camera}: no frame`;
   parts().bar.show(range, tally((thumb) => thumb.content));
 }

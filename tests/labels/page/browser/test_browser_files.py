@@ -115,7 +115,10 @@ def test_a_model_of_the_labels_is_trained_and_suggests_and_labels_are_audited(
     assert {"features", "cross-validation"} & {step["what"] for step in steps}
     assert all(0 <= step["done"] <= step["total"] for step in steps)
     assert told[-1]["setup"] != told[0]["setup"]
-    card.get_by_text("The model. Done.").wait_for()
+    card.get_by_text("The model. Result.").wait_for()
+    result = server.get("/api/job")["job"]["result"]
+    assert result and "Done" not in card.inner_text()
+    assert card.locator(".job li").all_inner_texts() == [" ".join(one.split()) for one in result]
     page.locator("#views a", has_text="Label").first.click()
     until(lambda: knows(page, "model?.label === 'tiny/1'"))  # without loading the page again
     bundle = read_bundle(server.workspace / "models" / "tiny.tokt")

@@ -337,6 +337,15 @@ def test_the_overview_comes_to_rest_also_where_its_words_take_two_lines(open_pag
         assert "suggestions sure" in page.inner_text(".overview-words")
 
 
+def test_what_is_said_does_not_cover_the_menu(open_page):
+    page = open_page("#/overview/left/1", ".thumb")
+    page.keyboard.press("PageUp")
+    toast(page, "This is the first page.")
+    header, box = (page.locator(name).bounding_box() for name in ("#header", "#toast"))
+    assert box["y"] >= header["y"] + header["height"]
+    assert "left frames 1 to " in page.inner_text(".overview-range")
+
+
 def test_a_double_click_on_a_picture_opens_the_frame_and_writes_nothing(open_page, server, changes):
     page = open_page("#/overview/left/31", ".thumb:not(.loading)")
     before = events(server)

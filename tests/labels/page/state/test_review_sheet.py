@@ -120,7 +120,16 @@ def test_before_all_frames_are_looked_at_nothing_is_missing(tiny, cells):
     ranked = rank(features, cells, "ocean")
     assert (ranked.done, ranked.of, ranked.ready) == (0, 40, False)
     assert cells_of(ranked) == cells["ocean"] and math.isnan(all_of(ranked)[0].value)
-    assert ranked.by == "in the order of the frames: none has been looked at so far"
+    assert ranked.by == "in the order of the frames"
+
+
+def test_frames_that_were_looked_at_and_cannot_be_read_are_not_said_to_wait(own_tiny):
+    (own_tiny.path / "Left" / "tiny_L_7.png").write_bytes(b"")
+    features = FrameFeatures(open_mission(own_tiny.path), Grid(), CameraMasks())
+    cells = {"ocean": [("left", 7, 0)]}
+    ranked = rank(look_at_all(features, cells), cells, "ocean")
+    features.background.close()
+    assert ranked.ready and ranked.by == "in the order of the frames: none can be read"
 
 
 def test_the_sheet_says_how_the_order_was_made(features, cells):
