@@ -237,7 +237,7 @@ def test_more_clients_than_there_is_room_for_are_turned_away(view):
 
 def is_covered(picture):
     """Whether a word stands across the picture."""
-    return (picture[50 + (len(picture) - 188) // 2 - 76] < 25).all()
+    return (picture[50 + (len(picture) - 188) // 2 - 72] < 25).all()
 
 
 def test_a_stream_goes_on_without_frames_and_its_last_picture_says_ended():

@@ -25,10 +25,10 @@ from tokt.models.bundle.bundle import frame_id
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
+from tokt.training.datasets import split as split_module
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.folds import FULL_DIVE, Dives, Fold, blocked_folds
-from tokt.training.datasets import split as split_module
 from tokt.training.datasets.split import Split
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting import classifier, cross_validation
