@@ -93,7 +93,7 @@ def test_its_name_is_taken(dive):
 
 def test_adapt_asks_for_labels_first(dive, tmp_path):
     refused(
-        "label 5 to 10 of its frames: tokt label",
+        "label six of its frames: tokt label",
         *("adapt", "waters", "--mission", dive, "--workspace", tmp_path / ".tokt"),
     )
 

@@ -173,7 +173,7 @@ def adapt(
     """Train a model's next version on a new dive as well.
 
     It tells what that gained there, and cost elsewhere. A version is refused if the F1 of an old
-    dive falls by more than 0.03, or their mean by more than 0.01. First label 5 to 10 frames of the
+    dive falls by more than 0.03, or their mean by more than 0.01. First label six frames of the
     dive that the page leads to (tokt label DIR --model MODEL).
     """
     from tokt.features.common import atomic
@@ -259,7 +259,7 @@ def _with_new_dive(
             raise NoLabelsError(f"no patch of mission {missions[0].name!r} has a sure label")
     except NoLabelsError as error:
         raise ToktError(
-            f"{error}; label 5 to 10 of its frames: tokt label {mission} --model {model}. "
+            f"{error}; label six of its frames: tokt label {mission} --model {model}. "
             "Key q leads to the next frame of which the model is unsure"
         ) from None
     for remark in remarks:

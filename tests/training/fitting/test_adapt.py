@@ -325,7 +325,7 @@ def test_what_the_new_dive_shares_with_the_old_is_not_tested(
 
 def test_what_cannot_be_adapted_is_refused_in_one_line(three, adapted, tiny, tmp_path, refused):
     where, (path, labels) = ("--workspace", adapted), three["new"]
-    first = f"label 5 to 10 of its frames: tokt label {path} --model tower. Key q"
+    first = f"label six of its frames: tokt label {path} --model tower. Key q"
     refused("no label store", "adapt", "tower", "--mission", path, *where)
     refused(first, "adapt", "tower", "--mission", path, *where)
     other = write_labels(tmp_path / "o.csv", [["other", "left", 1, 0, 0, "ocean"]])
