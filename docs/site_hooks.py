@@ -18,7 +18,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 sys.path.insert(0, str(Path(__file__).parent))
-from generate_reference import python
+from generate_reference import MADE, python
 
 RUN_NOTEBOOKS = os.environ.get("TOKT_NOTEBOOKS") == "run"
 MAX_CELL_S = 600
@@ -27,11 +27,13 @@ _EXTERNAL = re.compile(r'href="(https?://[^"]+)"')
 _external: dict[str, set[str]] = {}
 
 
-def on_page_markdown(markdown: str, page: Page, **_: Any) -> str | None:
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
     """Put the long appendix last in the search; have mkdocstrings fill in the Python page."""
     if page.file.src_uri == "thesis.md":
         page.meta["search"] = {"boost": 0.2}
-    return python(site=True) if page.file.src_uri == "reference/python.md" else None
+    if page.file.src_uri == "reference/python.md":
+        return python(site=True)
+    return markdown.replace(MADE, "")  # a title is the first thing of its page
 
 
 class NotebookFile(File):

@@ -46,7 +46,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,8 +159,20 @@ class BundleContent:
 _CONTENT = fields(BundleContent)
 
 
+class _LoadedElsewhere(type):
+    """Tells who guesses at `Bundle.load`, or the like, what loads one."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(cls, name: str) -> NoReturn:
+            raise AttributeError(
+                f"type object {cls.__name__!r} has no attribute {name!r}; "
+                "tokt.load_model(FILE) reads a bundle"
+            )
+
+
 @dataclass(frozen=True, kw_only=True)
-class Bundle(BundleContent):
+class Bundle(BundleContent, metaclass=_LoadedElsewhere):
     """A bundle that has passed every check: all that it holds, and how it is used.
 
     Its `signature` has not been checked: that takes a key, which comes from elsewhere.

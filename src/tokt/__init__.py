@@ -19,6 +19,17 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *_public(), "__all__", "__version__"})
 
 
+def _guesses(name: str, public: dict[str, str]) -> str:
+    """Name the public names that somebody may have meant; few guess that models are loaded."""
+    from difflib import get_close_matches
+
+    lower = {each.lower(): each for each in public}
+    near = [each for each in lower if name.lower() in each]
+    alike = name.lower().replace("bundle", "model")  # a bundle is loaded by `load_model`
+    near = dict.fromkeys([*near[:3], *get_close_matches(alike, lower, cutoff=0.65)])
+    return f"; there is {', '.join(f'tokt.{lower[each]}' for each in near)}" if near else ""
+
+
 def __getattr__(name: str) -> object:
     """Look a name up when it is asked for: the version alone takes a tenth of a start."""
     if name == "__version__":
@@ -29,7 +40,7 @@ def __getattr__(name: str) -> object:
     if name == "__all__":
         return sorted(public)
     if name not in public:
-        raise AttributeError(f"module 'tokt' has no attribute {name!r}")
+        raise AttributeError(f"module 'tokt' has no attribute {name!r}{_guesses(name, public)}")
     from importlib import import_module
 
     from tokt.features.common.extras import needed_by

@@ -4,6 +4,7 @@ import json
 import re
 from functools import cache
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -42,7 +43,7 @@ def read(page):
         )
     found = _Links(MARKDOWN.render(text))
     tokens = MARKDOWN.parse(text)
-    for before, token in zip(tokens, tokens[1:], strict=False):
+    for before, token in pairwise(tokens):
         if before.type == "heading_open":
             shown = (it.content for it in token.children if it.type in ("text", "code_inline"))
             slug = re.sub(r"[^\w\- ]", "", "".join(shown).lower()).replace(" ", "-")

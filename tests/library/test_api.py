@@ -83,6 +83,32 @@ print(len(tokt.Labels.read(f"{sys.argv[2]}/labels.csv")))
     assert {*json.loads(said[0])} == {0, 1} and said[1] == "4000"
 
 
+@pytest.mark.parametrize(
+    ("guess", "name"),
+    [
+        *(
+            (one, "load_model")
+            for one in ("load", "Model", "open_model", "read_bundle", "open_bundle")
+        ),
+        *(("Dataset", "DatasetVersion"), ("Grd", "Grid"), ("judge", "judge_image")),
+    ],
+)
+def test_a_guessed_name_is_answered_with_the_public_one(guess, name):
+    with pytest.raises(AttributeError, match=rf"no attribute '{guess}'; there is .*tokt\.{name}\b"):
+        getattr(tokt, guess)
+
+
+def test_a_name_like_none_is_only_refused():
+    with pytest.raises(AttributeError, match=r"^module 'tokt' has no attribute 'xyz'$"):
+        tokt.xyz
+
+
+def test_who_guesses_at_a_bundles_constructor_is_told_load_model():
+    with pytest.raises(AttributeError, match=r"no attribute 'load'; tokt\.load_model\(FILE\)"):
+        tokt.Bundle.load
+    assert not hasattr(tokt.Bundle, "read")
+
+
 def test_a_missing_extra_is_named():
     program = """
 import tokt

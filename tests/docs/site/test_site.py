@@ -62,6 +62,10 @@ def test_a_page_made_from_the_code_is_there(site, name):
     assert [words for words in GENERATED[name] if words.lower() not in text.lower()] == []
 
 
+def test_the_site_holds_no_bytecode(site):
+    assert [*site.rglob("__pycache__"), *site.rglob("*.py*")] == []
+
+
 def test_every_page_opens_without_a_network(site, tab):
     pages = sorted(site.rglob("*.html"))
     assert len(pages) > 30
