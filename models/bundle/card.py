@@ -11,6 +11,8 @@ from tokt.models.sight import sight_from_json, sight_words
 _MAX_LIST = 12
 _WORST_FOLDS = 2
 _SENTENCES = ("words", "method", "novelty")
+_SAY_NOTHING = (None, "", "none", "None", {}, [], ())
+"""Values that a card leaves out, with what they would be of."""
 _NOT_LISTED = (
     *(*_SENTENCES, "candidates", "tail", "reachable", "confidence", "latency_frames"),
     "boundary",  # of the first models whose boundary moves: the words of their prior
@@ -42,7 +44,8 @@ def _figure(value: float | None) -> str:
 
 def _text(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "; ".join(f"{name} {_text(part)}" for name, part in sorted(value.items()))
+        said = sorted((name, part) for name, part in value.items() if part is not None)
+        return "; ".join(f"{name} {_text(part)}" for name, part in said)
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, Sequence) and not isinstance(value, str):
@@ -54,14 +57,14 @@ def _listed(values: Sequence[Any]) -> str:
     """The first few, and how many more there are."""
     shown = ", ".join(str(value) for value in values[:_MAX_LIST])
     more = len(values) - _MAX_LIST
-    return (f"{shown} and {more} more" if more > 0 else shown) or "none"
+    return (f"{shown} and {more} more" if more > 0 else shown) or "no frame"
 
 
 def _lines(values: Mapping[str, Any]) -> str:
     return "\n".join(
         f"- {key.replace('_', ' ')}: {_text(value)}"
         for key, value in sorted(values.items())
-        if value is not None and value != {}
+        if value not in _SAY_NOTHING
     )
 
 
@@ -92,9 +95,10 @@ def _operating_point(point: OperatingPoint) -> str:
     if not point.chosen:
         head += " It was not chosen for a stated rate of false statuses."
         return "\n\n".join([head, *moves])
-    words = [point.chosen[key] for key in _SENTENCES if key in point.chosen]
+    said = map(point.chosen.get, _SENTENCES)
+    words = [sentence for sentence in said if sentence not in _SAY_NOTHING]
     rest = {key: value for key, value in point.chosen.items() if key not in _NOT_LISTED}
-    return "\n\n".join([head, *words, *moves, _lines(rest)])
+    return "\n\n".join(filter(None, [head, *words, *moves, _lines(rest)]))
 
 
 def _table(metrics: Mapping[str, Any]) -> str:
@@ -111,7 +115,7 @@ def _table(metrics: Mapping[str, Any]) -> str:
     elif folds:
         rows.append(("F1 of the folds", ", ".join(_figure(fold["f1"]) for fold in folds)))
     if frames:
-        false = f"{frames['false_status']} of {frames['ocean_frames']}"
+        false = _counts(frames["false_status"], frames["ocean_frames"])
         rows.append(("open-ocean frames with a false status", false))
     if frames and frames.get("false_status_per_hour"):
         hourly = frames["false_status_per_hour"]
@@ -120,9 +124,11 @@ def _table(metrics: Mapping[str, Any]) -> str:
         value += f" {bound['confidence']:.0%} confidence, were frames independent"
         rows.append((f"false statuses in {hourly['in_frames']:,.0f} of them", value))
     if frames and "obstacle_frames" in frames:
-        seen = f"{frames['detected']} of {frames['obstacle_frames']}"
+        seen = _counts(frames["detected"], frames["obstacle_frames"])
         rows.append(("obstacle frames with status 1", seen))
-        rows.append(("first of three frames in a row", _text(frames["first_detection"])))
+    if frames and frames.get("obstacle_frames") and frames.get("first_detection"):
+        first = {name: _or_never(at) for name, at in frames["first_detection"].items()}
+        rows.append(("first of three frames in a row with status 1", _text(first)))
     if frames and "approaches" in frames:
         late = ", ".join(_lateness(one) for one in frames["approaches"])
         rows.append(("first status of each approach", late or "no approach in the labels"))
@@ -132,7 +138,15 @@ def _table(metrics: Mapping[str, Any]) -> str:
 def _lateness(approach: Mapping[str, Any]) -> str:
     where = "{mission} {first_obstacle_frame}".format(**approach)
     late = approach["frames_late"]
-    return f"{where}: none" if late is None else f"{where}: {late} frames late"
+    return f"{where}: {_or_never(None if late is None else f'{late} frames late')}"
+
+
+def _counts(some: int, of: int) -> str:
+    return f"{some} of {of}" if of else "no such frame was labelled"
+
+
+def _or_never(value: Any) -> Any:
+    return "never" if value is None else value
 
 
 def _failures(metrics: Mapping[str, Any]) -> str:
@@ -144,11 +158,11 @@ def _failures(metrics: Mapping[str, Any]) -> str:
         for fold in worst
         if "frames" in fold
     ]
-    for key, what in (
-        ("false_status_frames", "false status on open ocean"),
-        ("missed_frames", "an obstacle and no status 1"),
+    for key, of, what in (
+        ("false_status_frames", "ocean_frames", "false status on open ocean"),
+        ("missed_frames", "obstacle_frames", "an obstacle and no status 1"),
     ):
-        if key in frames:
+        if key in frames and frames.get(of):
             lines.append(f"- {what}: {_listed(frames[key])}")
     return "\n".join(lines) or "Not recorded."
 
@@ -160,8 +174,8 @@ def _stress(stress: Mapping[str, Any] | None) -> str:
     rows = "\n".join(
         f"| {name.replace('_', ' ')}{' (learnt from)' if one['learnt'] else ''} "
         f"| {_figure(one['f1'])} | {_figure(one['fall'])} "
-        f"| {one['false_status']} of {one['ocean_frames']} "
-        f"| {one['detected']} of {one['obstacle_frames']} |"
+        f"| {_counts(one['false_status'], one['ocean_frames'])} "
+        f"| {_counts(one['detected'], one['obstacle_frames'])} |"
         for name, one in stress.items()
     )
     head = "| pictures changed by | F1 | falls by | false status | obstacle frames seen |"

@@ -84,8 +84,8 @@ def test_card_states_what_was_measured():
         "| false statuses in 1,000 of them | 30.3, at most 76.5 with 95% confidence, were frames "
         "independent |",
         "| obstacle frames with status 1 | 20 of 40 |",
-        "| first status of each approach | d 139: 2 frames late, d 180: none |",
-        "| first of three frames in a row | d 141 |",
+        "| first status of each approach | d 139: 2 frames late, d 180: never |",
+        "| first of three frames in a row with status 1 | d 141 |",
         "- label counts: ocean 900; tower 100",
         "- upper bound: confidence 0.95; of_blocks 0.5; of_frames 0.0761",
         "Seen: 3 of 99.",
@@ -133,3 +133,27 @@ def test_a_recipe_of_version_1_has_a_card_too():
     assert "Status 1 with 1 patch over the threshold, in one frame" in card
     assert "not chosen for a stated rate" in card
     assert "| open-ocean frames with a false status | 3 of 99 |" in card
+
+
+def test_what_says_nothing_is_left_out_or_put_in_words():
+    frames = {"false_status": 0, "ocean_frames": 0, "false_status_frames": []}
+    frames |= {"obstacle_frames": 4, "detected": 3, "missed_frames": []}
+    frames |= {"first_detection": {"a": 7, "b": None}, "approaches": []}
+    chosen = {"target_rate": 1e-4, "method": "none", "words": "Nothing was chosen.", "tail": None}
+    recipe = {**RECIPE, "metrics": {**RECIPE["metrics"], "frames": frames}}
+    recipe["operating_point"] = {**RECIPE["operating_point"], "chosen": chosen}
+    origin = {"class_weight": "none", "learnt_changes": "none", "preset": None, "search": ""}
+    card = model_card("tower/3", recipe, {**origin, "missions": {"a": 4, "b": None}})
+    lines = card.splitlines()
+    assert "| first of three frames in a row with status 1 | a 7; b never |" in lines
+    assert "| open-ocean frames with a false status | no such frame was labelled |" in lines
+    assert "- an obstacle and no status 1: no frame" in lines
+    assert "false status on open ocean:" not in card
+    assert not [line for line in lines if line.rstrip(" |").endswith(("none", "None"))]
+    for name in ("class weight", "learnt changes", "preset", "search"):
+        assert f"- {name}" not in card
+    none = {**frames, "obstacle_frames": 0, "detected": 0, "first_detection": {"a": None}}
+    recipe["metrics"] = {**recipe["metrics"], "frames": none}
+    card = model_card("tower/3", recipe, {})
+    assert "first of three" not in card
+    assert "| obstacle frames with status 1 | no such frame was labelled |" in card

@@ -1,6 +1,7 @@
 """`tokt compare`: its figures against evaluate's, what it refuses, and the page in a browser."""
 
 import json
+import re
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -531,3 +532,16 @@ def test_a_small_net_on_the_pixels_learns(compared, told):
     pytest.importorskip("torch", reason="torch is no dependency: development only")
     found = told("compare", *(LBP, THESIS), "--ceilings", "--workspace", compared.workspace)
     assert found["ceilings"][-1]["patch"]["average_precision"] > 0.9
+
+
+def test_no_false_status_among_no_ocean_frames_is_neither_good_nor_bad(compared):
+    def shown(false, ocean):
+        result = json.loads(json.dumps(compared.json))
+        for model in result["models"]:
+            model["frames"] |= {"false_status": false, "ocean_frames": ocean}
+        page = report_html(replace(compared.judged, read_frame=None), result)
+        return re.search(rf"<td[^>]*>{false} / {ocean}</td>", page)[0]
+
+    assert shown(0, 0) == "<td>0 / 0</td>"
+    assert shown(0, 3) == '<td class="good">0 / 3</td>'
+    assert shown(1, 3) == '<td class="bad">1 / 3</td>'
