@@ -333,7 +333,7 @@ def test_what_cannot_be_adapted_is_refused_in_one_line(three, adapted, tiny, tmp
     named = "(labels of: other, tiny). If they call it otherwise, give NAME=DIR"
     refused(f"{named}; {first}", "adapt", "tower", *elsewhere)
     unsure = write_labels(tmp_path / "u.csv", [["night", "left", 1, 0, 0, "unsure"]])
-    refused("no patch of mission 'night' has a sure label; label 5",
+    refused("no patch of mission 'night' has a sure label; label six",
             "adapt", "tower", "--mission", path, "--labels", unsure, *where)  # fmt: skip
     given = ("--mission", path, "--labels", labels, *where)
     refused("has frames of mission 'night' already", "adapt", "tower/2", *given)
