@@ -11,7 +11,7 @@ from tokt.models.sight import sight_from_json, sight_words
 _MAX_LIST = 12
 _WORST_FOLDS = 2
 _SENTENCES = ("words", "method", "novelty")
-_SAY_NOTHING = (None, "", "none", "None", {}, [], ())
+_SAY_NOTHING: tuple[Any, ...] = (None, "", "none", "None", {}, [], ())
 """Values that a card leaves out, with what they would be of."""
 _NOT_LISTED = (
     *(*_SENTENCES, "candidates", "tail", "reachable", "confidence", "latency_frames"),
