@@ -46,7 +46,7 @@ def figures_of_listed(
             others = [other for other in group if other != label]
             words = f"{said} on the same {_frames(one)}{_roughly(group)}"
             found[label] = {**one, "with": others, "words": words}
-    none = {**dict.fromkeys(_FIGURES), "frames": 0, "dives": {}, "with": []}
+    none: dict[str, Any] = {**dict.fromkeys(_FIGURES), "frames": 0, "dives": {}, "with": []}
     return {
         item.label: found.get(item.label, {**none, "words": f"F1 -: {why.get(item.label, _ALONE)}"})
         for item in versions
