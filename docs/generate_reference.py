@@ -57,7 +57,7 @@ FORMATS = {
     "models.signing.trusted_keys.FORMAT_VERSION": "keys that a store trusts, `keys.json`",
     "models.registry.registry.RECIPE_VERSION": "recipe of a registered model, `recipe.json`",
     "models.registry.registration.FORMAT_VERSION": "hashes and signature of a registered model",
-    "models.registry.registration.PROMOTION_VERSION": "record of a promotion",
+    "models.registry.registration.RECORD_VERSION": "record of a promotion or a deployment",
     "features.extractors.textures.SPEC_VERSION": "extractor spec",
     "labels.store.schema.FORMAT": "label store, `labels.db`",
     "labels.store.known_missions.FORMAT": "missions of a workspace, `missions.json`",

@@ -4,7 +4,7 @@ The hashes stand in a tag of the version, with the model's name and the run, so 
 run or the tag of another version do not pass for this one's. They protect from accident alone: who
 can write the workspace can write them too. A signature, in another tag, covers them and the
 version's number; whose signature counts is said by whoever exports, never by the workspace. How
-each promotion ended stands in a tag of its own, which nothing covers.
+each promotion ended, and each deployment, stands in a tag of its own, which nothing covers.
 
 A version's number stands in its bundle, which is made before MLflow gives the number. A tag says
 as what it was made: where MLflow gave another number, the version is none
@@ -27,7 +27,8 @@ from tokt.models.store.history import stamp
 
 FILES_TAG, SIGNATURE_TAG = "tokt.files", "tokt.signature"
 PROMOTION_TAG, NUMBER_TAG = "tokt.promotion", "tokt.number"
-FORMAT_VERSION = PROMOTION_VERSION = 1
+DEPLOYMENT_TAG = "tokt.deployment"
+FORMAT_VERSION = RECORD_VERSION = 1
 SIGNED_PREFIX = b"tokt registration, signature format 1\n"
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -69,11 +70,19 @@ class RegisteredVersion:
     @property
     def promotions(self) -> list[dict[str, Any]]:
         """How each promotion of this version ended, the oldest first."""
+        return self._records(PROMOTION_TAG)
+
+    @property
+    def deployments(self) -> list[dict[str, Any]]:
+        """Each store that this version was deployed to from the registry, the oldest first."""
+        return self._records(DEPLOYMENT_TAG)
+
+    def _records(self, tag: str) -> list[dict[str, Any]]:
         found = []
-        for key in sorted(key for key in self.tags if key.startswith(PROMOTION_TAG)):
+        for key in sorted(key for key in self.tags if key.startswith(tag)):
             try:
                 record = printable_json(self.tags[key].encode())
-                known = record["format_version"] == PROMOTION_VERSION
+                known = record["format_version"] == RECORD_VERSION
             except (ValueError, TypeError, KeyError, RecursionError):
                 known = False
             if not known:
@@ -124,11 +133,11 @@ class RegisteredVersion:
         return True
 
 
-def promotion_tag(record: Mapping[str, str]) -> tuple[str, str]:
-    """The tag, name and value, of how a promotion ended, with who said so and when."""
+def record_tag(tag: str, record: Mapping[str, str]) -> tuple[str, str]:
+    """The tag, name and value, of what was done with a version, with who did so, when and why."""
     when, who, why = stamp(record["why"])
-    about = {"format_version": PROMOTION_VERSION, "time": when, "who": who, "why": why}
-    return f"{PROMOTION_TAG}.{time.time_ns()}", canonical_json({**record, **about})
+    about = {"format_version": RECORD_VERSION, "time": when, "who": who, "why": why}
+    return f"{tag}.{time.time_ns()}", canonical_json({**record, **about})
 
 
 def files_tag(name: str, run_id: str, files: Mapping[str, bytes]) -> str:

@@ -56,8 +56,15 @@ from tokt.models.operating_point import OperatingPoint
 from tokt.models.pretrained.packaged import VERSIONS as PACKAGED
 from tokt.models.sight import sight_from_json, sight_to_json
 from tokt.models.signing.keys import PublicKey, SigningKey
+from tokt.models.store.history import one_line
 
-from .registration import SIGNATURE_TAG, RegisteredVersion, promotion_tag
+from .registration import (
+    DEPLOYMENT_TAG,
+    PROMOTION_TAG,
+    SIGNATURE_TAG,
+    RegisteredVersion,
+    record_tag,
+)
 from .skops_arrays import pipeline_arrays
 
 # Before the first import of mlflow: a ship's PC has no network for usage statistics to wait on.
@@ -322,7 +329,12 @@ class Registry:
 
     def record_promotion(self, version: RegisteredVersion, record: dict[str, str]) -> None:
         """Keep how a promotion of a version ended, beside what was kept before."""
-        self._tag(version, *promotion_tag(record))
+        self._tag(version, *record_tag(PROMOTION_TAG, record))
+
+    def record_deployment(self, label: str, store: Path, sha256: str, why: str) -> None:
+        """Keep that a version's bundle, which has this SHA-256, was deployed to a store."""
+        record = {"store": one_line(str(store.resolve())), "sha256": sha256, "why": why}
+        self._tag(self.find(label), *record_tag(DEPLOYMENT_TAG, record))
 
     def _tag(self, version: RegisteredVersion, key: str, value: str) -> None:
         with self.reported():
@@ -394,7 +406,7 @@ class Registry:
         with self.reported():
             return dict(self.client.get_run(version.run_id).data.params)
 
-    def held_out(self, reference: str) -> pandas.DataFrame:
+    def held_out(self, reference: str | RegisteredVersion) -> pandas.DataFrame:
         """What cross-validation said of each patch, by a model that did not learn from it.
 
         The dataset's patches with fold (-1: never tested), obstacle_score and, since recipe version
@@ -404,7 +416,7 @@ class Registry:
         """
         from pyarrow import ArrowException, parquet
 
-        version = self.find(reference)
+        version = self.find(reference) if isinstance(reference, str) else reference
         data = self._artifact(version, "held_out.parquet", _MAX_TABLE_BYTES)
         try:
             file = parquet.ParquetFile(io.BytesIO(data))

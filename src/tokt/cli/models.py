@@ -31,6 +31,8 @@ from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
+    from tokt.models.registry.registration import RegisteredVersion
+    from tokt.models.registry.registry import Registry
     from tokt.models.signing.trusted_keys import KeyEvent
     from tokt.models.store.history import Activation
     from tokt.models.store.store import Store
@@ -54,19 +56,30 @@ ReasonOption = Annotated[str, Option(help="Reason to keep in the store's history
 
 @models_app.command("list")
 def list_(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False) -> None:
-    """List every registered version."""
-    from tokt.models.registry.registry import Registry
+    """List every registered version.
 
-    found = Registry(workspace).versions()
-    if json:
-        print_json({"models": [asdict(item) for item in found]})
-        return
-    for item in found:
-        aliases = "".join(f" @{alias}" for alias in item.aliases)
-        print(
-            f"{item.label}{aliases}  {item.tags.get('extractor', '')} on "
-            f"{item.tags.get('dataset', '')}"
-        )
+    Figures are of frames that several models held out; a store counts that `tokt deploy` was given.
+    """
+    from tokt.models.registry.deployments import deployments
+    from tokt.models.registry.registry import Registry
+    from tokt.training.compare.same_frames import figures_of_listed
+
+    registry = Registry(workspace)
+    found = registry.versions()
+    figures, stores = figures_of_listed(registry, found), [deployments(item) for item in found]
+    rows = [
+        {**asdict(item), "held_out": figures[item.label], "deployments": on}
+        for item, on in zip(found, stores, strict=True)
+    ]
+    answer(json, {"models": rows}, lambda: list(map(_print_listed, rows)))
+
+
+def _print_listed(row: dict[str, Any]) -> None:
+    aliases = "".join(f" @{alias}" for alias in row["aliases"])
+    learnt = f"{row['tags'].get('extractor', '')} on {row['tags'].get('dataset', '')}"
+    print(f"{row['name']}/{row['version']}{aliases}  {learnt}  {row['held_out']['words']}")
+    for one in row["deployments"]:
+        print(f"  {one['words']}")
 
 
 @models_app.command("show")
@@ -143,7 +156,7 @@ def promote(
 
     The two versions are compared on the patches that cross-validation held out, or on missions. One
     is refused that is worse on any dive beyond doubt, breaks its rate of false statuses, or takes
-    too long.
+    too long. Champions of other names are shown beside it, and refuse nothing.
     """
     from tokt.models.registry.registry import Registry, check_alias
     from tokt.training.compare.compare_options import CompareOptions, compared_models
@@ -168,6 +181,7 @@ def promote(
         silence = registry.bundle(version.label).silence
         notes = [f"there was no {name}: nothing was compared"]
         found = {"what": "", "table": [], "faults": [silence] if silence else [], "notes": notes}
+    found |= _beside(registry, version, before, to)
     faults = "; ".join(found["faults"])
     refused = bool(faults) and force is None
     record = {
@@ -185,6 +199,21 @@ def promote(
         print(f"{version.label} is now {name}")
 
 
+def _beside(
+    registry: Registry, version: RegisteredVersion, before: str, alias: str
+) -> dict[str, Any]:
+    """A candidate beside other names' champions, and where each of them is deployed."""
+    from tokt.models.registry.deployments import deployments
+    from tokt.training.compare.same_frames import beside_champions
+
+    others = beside_champions(registry, version, alias)
+    labels = [version.label, *filter(None, [before]), *(str(one["model"]) for one in others)]
+    return {
+        "others": others,
+        "deployments": {label: deployments(registry.find(label)) for label in labels},
+    }
+
+
 def _print_gate(found: dict[str, Any]) -> None:
     for row in found["table"]:
         values = f"{figure(row['champion'])} -> {figure(row['candidate'])}"
@@ -194,8 +223,18 @@ def _print_gate(found: dict[str, Any]) -> None:
         print("  (champion -> candidate, 95 % interval of the difference)")
         was, now, most = found["time"].values()
         print(f"  on {found['what']}; {was:.2f} -> {now:.2f} ms a frame, at most {most:.2f}")
+    _print_beside(found["others"], found["deployments"])
     for note in found["notes"]:
         say(f"note: {note}")
+
+
+def _print_beside(others: list[dict[str, Any]], deployed: dict[str, Any]) -> None:
+    for line in (line for other in others for line in other["words"]):
+        print(f"  {line}")
+    for label, one in ((label, one) for label, ones in deployed.items() for one in ones):
+        print(f"  {label} {one['words']}")
+    if others and not any(deployed.values()):
+        print("  none of these was deployed from this registry")
 
 
 def _promotion_words(one: dict[str, Any]) -> str:
@@ -335,6 +374,7 @@ def deploy(
     It ends with what to copy and to type for a PC that no network reaches.
     """
     from tokt.models.bundle.bundle import SUFFIX
+    from tokt.models.registry.load import is_registered_name
     from tokt.models.store.store import Store
 
     target = Store(store)
@@ -342,9 +382,22 @@ def deploy(
         target.check_file(Path(model))
     bundle = shipped(model, workspace, taxonomy, sign, registered_by)
     bundle.check_sight(accept_blind)
+    registered = is_registered_name(model)  # before a store of that name is there
     entry = target.deploy(bundle, reason, notice=say)
+    if registered:
+        _record_deployment(bundle, target, reason, workspace)
     carry = _carry(target, bundle)
     answer(json, {**entry.to_json(), "carry": carry}, lambda: _print_carry(store, entry, carry))
+
+
+def _record_deployment(bundle: Bundle, store: Store, reason: str, workspace: Path) -> None:
+    """Let the registry remember where its version went; the deployment stands without that."""
+    from tokt.models.registry.registry import Registry
+
+    try:
+        Registry(workspace).record_deployment(bundle.label, store.path, bundle.sha256, reason)
+    except ToktError as error:
+        say(f"note: the registry does not remember this deployment: {error}")
 
 
 def _carry(store: Store, bundle: Bundle) -> dict[str, Any]:
