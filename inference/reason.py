@@ -16,7 +16,10 @@ class Reason(StrEnum):
     advice: str
 
     def __new__(cls, code: str, meaning: str = "", advice: str = "") -> Reason:
-        """Return a member that compares and is written as its code."""
+        """Return a member that compares and is written as its code.
+
+        Type checkers take ``Reason("ok")``, which looks a member up, for a call of this.
+        """
         made = str.__new__(cls, code)
         made._value_, made.meaning, made.advice = code, meaning, advice
         return made

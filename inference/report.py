@@ -273,6 +273,12 @@ class Event:
     words: str  # one line for people
     fields: Mapping[str, Any] = field(default_factory=dict)  # JSON: the figures that belong to it
 
+    @property
+    def model(self) -> Mapping[str, Any] | None:
+        """The model that a `START` or a `MODEL` event tells of, or None."""
+        told = self.fields.get("model") if self.name == START else self.fields
+        return told or None
+
 
 class EventQueue:
     """Collect events until the loop passes them on between two frames."""

@@ -81,7 +81,7 @@ class RunCounts(Observer):
         """Count an event, and note what it changes."""
         self.events[event.name] += 1
         if event.name in (START, MODEL):
-            model = event.fields.get("model") if event.name == START else event.fields
+            model = event.model
             self.model = ModelName(model["label"], model["sha256"]) if model else None
         kind = event.name.partition("_")[0]
         what = f"{kind} {event.fields.get(kind, '')}"

@@ -116,8 +116,7 @@ class LiveView(Observer):
     def event(self, event: Event) -> None:
         """Note which model runs."""
         if event.name in (START, MODEL):
-            model = event.fields.get("model") if event.name == START else event.fields
-            self._model = str(model["label"]) if model else ""
+            self._model = str(event.model["label"]) if event.model else ""
 
     def _put(self, moment: ViewMoment) -> None:
         self._statuses.append((moment.said_s, moment.report.verdict.status))

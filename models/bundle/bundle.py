@@ -46,7 +46,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,20 +159,8 @@ class BundleContent:
 _CONTENT = fields(BundleContent)
 
 
-class _LoadedElsewhere(type):
-    """Tells who guesses at `Bundle.load`, or the like, what loads one."""
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(cls, name: str) -> NoReturn:
-            raise AttributeError(
-                f"type object {cls.__name__!r} has no attribute {name!r}; "
-                "tokt.load_model(FILE) reads a bundle"
-            )
-
-
 @dataclass(frozen=True, kw_only=True)
-class Bundle(BundleContent, metaclass=_LoadedElsewhere):
+class Bundle(BundleContent):
     """A bundle that has passed every check: all that it holds, and how it is used.
 
     Its `signature` has not been checked: that takes a key, which comes from elsewhere.
@@ -191,6 +179,11 @@ class Bundle(BundleContent, metaclass=_LoadedElsewhere):
     def content(self) -> BundleContent:
         """What it holds, such as to write another one from."""
         return BundleContent(**{each.name: getattr(self, each.name) for each in _CONTENT})
+
+    @classmethod
+    def load(cls, path: Path | str) -> "Bundle":
+        """Read a bundle file and check it whole, as `read_bundle`; ToktError if it fails."""
+        return read_bundle(path)
 
     def with_fixed_boundary(self) -> Self:
         """The same model without a prior of the water; its file and hash stay those it has."""

@@ -10,8 +10,15 @@ import pandas as pd
 from tokt.features.common.errors import ToktError
 from tokt.models.registry.registration import RegisteredVersion
 from tokt.models.registry.registry import Registry, fitting
-from tokt.training.datasets.dataset import FRAME_KEY, PATCH_KEY, DatasetVersion, list_datasets
-from tokt.training.evaluation.metrics import obstacle_metrics
+from tokt.training.datasets.dataset import (
+    CLEAR,
+    FRAME_KEY,
+    OBSTACLE,
+    PATCH_KEY,
+    DatasetVersion,
+    list_datasets,
+)
+from tokt.training.evaluation.metrics import metrics_by, over_dives
 from tokt.training.evaluation.old_dives import held_out_units
 
 MIN_SHARE = 0.2
@@ -160,17 +167,16 @@ def _on_same_frames(tables: Mapping[str, pd.DataFrame]) -> dict[str, dict[str, A
 
 def _figures(table: pd.DataFrame) -> dict[str, Any]:
     """Of each dive, and their means; None where there are obstacles alone, or none."""
-    dives: dict[str, dict[str, Any]] = {}
-    for dive, part in table.groupby("mission"):
-        truth = part.obstacle.to_numpy(bool)
-        found = {} if truth.all() else obstacle_metrics(truth, part.obstacle_score.to_numpy(float))
-        frames = len(part[FRAME_KEY].drop_duplicates())
-        dives[str(dive)] = {"frames": frames, **{key: found.get(key) for key in _FIGURES}}
-    means = {}
-    for key in _FIGURES:
-        known = [float(one[key]) for one in dives.values() if one[key] is not None]
-        means[key] = float(np.mean(known)) if known else None
-    return {**means, "frames": sum(one["frames"] for one in dives.values()), "dives": dives}
+    truth, score = table.obstacle.to_numpy(bool), table.obstacle_score.to_numpy(np.float64)
+    sides = truth.astype(np.int64), (score > 0).astype(np.int64), (CLEAR, OBSTACLE)
+    of_dive = metrics_by(table.mission.to_numpy(object), truth, score, *sides)
+    frames = table[FRAME_KEY].drop_duplicates().mission.value_counts()
+    dives = {
+        dive: {"frames": int(frames[dive]), **{key: one[key] for key in _FIGURES}}
+        for dive, one in of_dive.items()
+    }
+    means = over_dives(of_dive)
+    return {**{key: means[key] for key in _FIGURES}, "frames": int(frames.sum()), "dives": dives}
 
 
 def _frames(one: Mapping[str, Any], kind: str = "") -> str:

@@ -214,8 +214,8 @@ class DatasetVersion:
         return measured_sight(self.frames[self.pictured], self.read_frame, self.mask)
 
     @cached_property
-    def unseen(self) -> dict[str, int]:
-        """How many of its frames a run would not call clear, by the code of the reason."""
+    def unseen(self) -> dict[str, list[int]]:
+        """Rows of `frames` that a run would not call clear, by the code of the reason."""
         if self.grid.width is None:
             return {}
         return unseen_frames(self.sight, self.frames[self.pictured], self.read_frame, self.mask)

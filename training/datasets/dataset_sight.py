@@ -1,6 +1,6 @@
 """Sight of a dataset's frames: the limits that they give, and the frames that show too little."""
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 
 import pandas as pd
@@ -32,12 +32,14 @@ def unseen_frames(
     frames: pd.DataFrame,
     read: Callable[[int], U8],
     mask: Callable[[int], ViewMask | None],
-) -> dict[str, int]:
-    """Count the frames of which a run would not say clear, by the code of the reason.
+) -> dict[str, list[int]]:
+    """Return rows of frames of which a run would not say clear, by the code of the reason.
 
     Each is looked at alone: what a run tells by several frames is not counted. Frames, `read` and
     `mask` are as in `measured_sight`.
     """
-    meter = SightMeter(limits)
-    faults = (meter.measure(read(row), mask(row)).fault for row in frames.index)
-    return dict(sorted(Counter(fault.reason.value for fault in faults if fault).items()))
+    meter, found = SightMeter(limits), defaultdict[str, list[int]](list)
+    for row in frames.index:
+        if fault := meter.measure(read(row), mask(row)).fault:
+            found[fault.reason.value].append(row)
+    return dict(sorted(found.items()))

@@ -207,8 +207,10 @@ def plan_from_missions(
     table = pd.DataFrame(rows, columns=_COLUMNS)
     sure = table[table.label != UNSURE]
     sites = {one.name: one.site for one in missions if one.site}
-    single = {one.name: why_single_pictures(one.mission) for one in missions}
-    single = {name: why for name, why in single.items() if why and find_single_pictures}
+    single = {}
+    if find_single_pictures:
+        single = {one.name: why_single_pictures(one.mission) for one in missions}
+        single = {name: why for name, why in single.items() if why}
     for mission, why in single.items():
         remarks.append(
             f"mission {mission} is taken for single pictures, as {why}: each is held out alone. If "
@@ -216,6 +218,8 @@ def plan_from_missions(
         )
     if set(sure.mission) <= set(single):
         block_frames = 1
+    if block_frames == 1 and not single:
+        single = {one.name: "blocks of one frame were asked for" for one in missions}
     if block_frames is None:
         classes = sure.label.map(taxonomy.is_obstacle) if task == BINARY else sure.label
         block_frames = bearable_block(sure, pd.factorize(classes)[0], sites, single)

@@ -93,13 +93,11 @@ class Split:
         if embargo_frames is None:
             embargo_frames = embargo_of(dataset.block_frames)
         split = cls(
-            *(
-                folds or FOLDS,
-                embargo_frames,
-                by or usual or BLOCK,
-                weight or usual or PATCH,
-                named,
-            ),
+            folds=folds or FOLDS,
+            embargo_frames=embargo_frames,
+            by=by or usual or BLOCK,
+            weight=weight or usual or PATCH,
+            sites=named,
             single_pictures=dataset.single_pictures,
         )
         targets = dataset.targets()
@@ -110,9 +108,8 @@ class Split:
             )
         if folds is None:
             with naming(f"dataset {dataset.label}"):
-                split = split.borne_by(
-                    *(dataset.patches, targets, dataset.block_frames, with_choices), by is None
-                )
+                blocks = dataset.block_frames
+                split = split.borne_by(dataset.patches, targets, blocks, with_choices, by is None)
         return split
 
     @classmethod
@@ -155,9 +152,9 @@ class Split:
         if self.by == DIVE:
             alone = MAX_CHOSEN_ALONE if to_choose else MAX_HELD_OUT_ALONE
             folds = dive_folds(patches, targets, self.sites, self.folds, not to_choose, alone)
-        folds = folds or blocked_folds(
-            *(patches, targets, self.folds, self.embargo_frames), self.single_pictures
-        )
+        if not folds:
+            single = self.single_pictures
+            folds = blocked_folds(patches, targets, self.folds, self.embargo_frames, single)
         return [Fold(rows[fold.train], rows[fold.test]) for fold in folds]
 
     def check(self, patches: pd.DataFrame, targets: I64, with_choices: bool = True) -> None:
@@ -292,9 +289,8 @@ def bearable_block(
     """
     by = DIVE if patches.mission.nunique() > 1 else BLOCK
     for block in BLOCK_SIZES:
-        split = Split(
-            *(FOLDS, embargo_of(block), by), sites=sites, single_pictures=tuple(single_pictures)
-        )
+        single = tuple(single_pictures)
+        split = Split(FOLDS, embargo_of(block), by, sites=sites, single_pictures=single)
         group = blocks_of(patches, block, single_pictures)
         try:
             split = split.borne_by(patches.assign(group=group), targets, block)

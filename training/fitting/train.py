@@ -15,6 +15,7 @@ from tokt.features.common.arrays import F64, U8
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Extractor
 from tokt.features.frames.image_file import pixel_sha256, read_image
+from tokt.features.frames.mission import format_frames
 from tokt.models.bundle.bundle import frame_id
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel
@@ -207,9 +208,22 @@ def _metrics(
     if held_out.stressed:
         learnt = request.settings.changes
         metrics["stress"] = robustness_figures(request.dataset, held_out, model, learnt)
-    if pictured := int(request.dataset.pictured.sum()):
-        metrics["unseen"] = {"frames": pictured, "reasons": request.dataset.unseen}
+    if request.dataset.pictured.any():
+        metrics["unseen"] = _unseen(request.dataset)
     return {**metrics, "split": split, "converged": converged(pipeline)}
+
+
+def _unseen(dataset: DatasetVersion) -> dict[str, Any]:
+    """The frames that a run would not call clear: how many by reason, and which by mission."""
+    rows = dataset.frames.iloc[[row for rows in dataset.unseen.values() for row in rows]]
+    return {
+        "frames": int(dataset.pictured.sum()),
+        "reasons": {code: len(those) for code, those in dataset.unseen.items()},
+        "which": {
+            str(mission): format_frames(numbers.tolist())
+            for mission, numbers in rows.groupby("mission").frame
+        },
+    }
 
 
 def _split_in_words(request: TrainRequest) -> str:

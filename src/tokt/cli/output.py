@@ -74,9 +74,10 @@ def print_patches(patch: dict[str, Any]) -> None:
 def unseen_in_words(unseen: dict[str, Any]) -> str:
     """How many labelled frames a run would not call clear."""
     count = sum(unseen["reasons"].values())
+    which = "; ".join(f"{mission} {frames}" for mission, frames in unseen["which"].items())
     return (
         f"a run would call {count} of the {unseen['frames']} labelled frames unknown where it "
-        "finds no obstacle"
+        f"finds no obstacle{f' ({which})' if which else ''}"
     )
 
 

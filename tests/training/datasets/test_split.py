@@ -170,7 +170,11 @@ def test_six_photographs_make_a_model_and_five_are_refused_before_any_work(done,
     assert "in 6 frames, each held out alone" in built.out
     made = done("train", "reef", "--preset", "plain", "--extractor", "lbp", *where)
     assert "6-fold cross-validation over 6 single pictures, each held out alone." in made.out
-    # Whoever knows better says so.
+    # Whoever knows better says so: also that pictures of one size are no sequence.
+    built = build(range(1, 7), "--block", 1)
+    assert "in 6 frames, each held out alone" in built.out and "taken for" not in built.err
+    again = done("train", "reef", "--preset", "plain", "--extractor", "lbp", *where)
+    assert "over 6 single pictures" in again.out and "WEAK" not in again.out
     built = build(range(1, 7), "--block", 2)
     assert "single pictures" not in built.err and "4 blocks of up to 2 frames" in built.out
 

@@ -42,9 +42,12 @@ def test_frames_that_a_run_would_refuse_are_counted_with_their_reasons(done, tol
     source = ("--mission", folder, "--labels", labels, "--block", 5)
     done("dataset", "build", "dive", *source, *where)
     trained = told("train", "dive", "--extractor", "lbp", "--preset", "plain", *where)
-    assert trained["cv"]["unseen"] == {"frames": 40, "reasons": {"saturated": 2}}
+    which = {"dive": "2,22"}
+    unseen = {"frames": 40, "reasons": {"saturated": 2}, "which": which}
+    assert trained["cv"]["unseen"] == unseen
     shown = done("train", "dive", "--extractor", "lbp", "--preset", "plain", *where).out
     assert "a run would call 2 of the 40 labelled frames unknown" in shown
+    assert "where it finds no obstacle (dive 2,22)" in shown
     assert "unknown: 2 saturated" in shown
 
 
