@@ -21,7 +21,7 @@ docs: $(READY)
 QUICK := proof or not (browser or process or study or load or fuzz)
 # Some hundred processes are started: without bytecode on disk each compiles everything anew.
 # One worker more than two cores have: some tests wait for what others of them start.
-PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -q -rs -n 3 --dist loadgroup --no-loadscope-reorder
+PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -q -n 3 --dist loadgroup --no-loadscope-reorder
 # `make test` tries a quarter of Hypothesis's examples, the same ones each time; the others try all.
 test: $(READY)
 	@echo "The tests take three to five minutes."
