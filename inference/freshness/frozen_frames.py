@@ -12,6 +12,8 @@ an old one where it is much more like those before than they were (`GROWS`).
 What cannot be told from a new picture:
 
 - Buffers that go round, and loops, of more than `REMEMBERED` pictures.
+- Of a ring, compressed anew, a picture at times where they are 360 wide: 4 of 750 drawn ones, none
+  of 750 at 640x480.
 - A picture that moves too, in a ring of several; one that is zoomed by more than 1 % from each
   picture to the next; one with noise put on top that has moved by more than half a tile.
 - One with noise of more than 4 grey levels put on top, or compressed below quality 70 (85 in

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.inference.live import bound_socket
+from tests.inference.still_water import begin_anew
 from tests.models.parts import SEES_ALL, golden_of
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
@@ -78,6 +79,12 @@ def write_mission(folder: Path, scenes: Sequence[list[tuple[int, int]]]) -> Path
             path = folder / camera / f"t_{letter}_{number}.jpg"
             cv2.imwrite(str(path), draw(patches, number), [cv2.IMWRITE_JPEG_QUALITY, 98])
     return folder
+
+
+@pytest.fixture(autouse=True)
+def same_water():
+    """The same pictures of still water whichever tests ran before."""
+    begin_anew()
 
 
 @pytest.fixture
