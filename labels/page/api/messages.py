@@ -188,11 +188,14 @@ class BlindBody(Body):
 
 
 class SettingBody(Body):
-    """A setting of the mission, for everybody: ``obstacle_as``, a model's "obstacle" in words."""
+    """A setting of the mission, for everybody.
+
+    ``obstacle_as``: the classes, joined by commas, that a model's "obstacle" may be here.
+    """
 
     who: Name
     name: Literal["obstacle_as"]
-    value: Name
+    value: Annotated[str, Field(max_length=MAX_NOTE)]
 
 
 async def _session(request: Request) -> Session:

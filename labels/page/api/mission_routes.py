@@ -1,6 +1,7 @@
 """The mission: its classes, the state of every frame, and which frame to label next."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from itertools import count
@@ -11,7 +12,7 @@ import numpy as np
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, counted
 from tokt.features.frames.mission import format_frames
 from tokt.labels.formats.formats import FORMATS
 from tokt.labels.formats.frame_metadata import ifdo_of
@@ -93,8 +94,10 @@ def post_blind(session: SessionOf, body: BlindBody) -> Response:
 @router.post("/settings")
 def post_setting(session: SessionOf, body: SettingBody) -> Response:
     """Set one of the mission's settings; all pages hear of it."""
-    if not any(known.obstacle and known.name == body.value for known in session.taxonomy.classes):
-        raise refuse(400, f"{body.name}: {body.value!r} is no class of obstacles")
+    obstacles = {known.name for known in session.taxonomy.classes if known.obstacle}
+    unknown = sorted(set(body.value.split(",")) - obstacles)
+    if unknown:
+        raise refuse(400, f"{body.name}: {unknown[0]!r} is no class of obstacles")
     session.set_setting(body.name, body.value, body.who)
     return json_response({})
 
@@ -180,7 +183,19 @@ def get_queue(
         {**vars(entry), "score": round(entry.score, _SCORE_DECIMALS)}
         for entry in next_frames(session.suggester.known(), labelled, n, now)
     ]
-    return _queue(frames, done, total)
+    why_not = "" if frames else _why_nothing_is_left(session.suggester.faults(), set(labelled))
+    return _queue(frames, done, total, why_not if done == total else "")
+
+
+def _why_nothing_is_left(faults: dict[FrameName, str], labelled: Collection[FrameName]) -> str:
+    """Say why the queue is empty, once the model has looked at every frame."""
+    refused = Counter(fault for name, fault in faults.items() if name not in labelled)
+    if not refused:
+        return "No frame is left to ask about: you labelled something in each of the others."
+    fault = refused.most_common(1)[0][0]
+    also = ", for example" if len(refused) > 1 else ""
+    frames = counted(refused.total(), "frame")
+    return f"The model cannot judge {frames} without a label of yours{also}: {fault}"
 
 
 def _depth_bands(session: Session) -> list[tuple[int, int]]:

@@ -111,6 +111,11 @@ class Suggester:
         with self._lock:
             return self._table.known(len(self.bundle.model.classes) > 2)
 
+    def faults(self) -> dict[tuple[str, int], str]:
+        """Why each frame that the model could not judge so far has no suggestions."""
+        with self._lock:
+            return self._table.faults()
+
     def _step(self) -> bool:
         if self._saved < 0:
             self._load()

@@ -84,6 +84,10 @@ class SuggestionTable:
             return no_suggestions(self._faults[index])
         return FrameSuggestions(self._classes[index].astype(np.int64), self._values[index].copy())
 
+    def faults(self) -> dict[tuple[str, int], str]:
+        """Why each frame that cannot be judged has no suggestions, by its camera and number."""
+        return {self.names[index]: fault for index, fault in self._faults.items()}
+
     def known(self, several: bool) -> MissionSuggestions:
         """A copy of everything known, without faulty frames."""
         known = self._states == _JUDGED

@@ -7,7 +7,7 @@ import { frameIndex, mission, selectedClass, setting } from "../core/mission.js"
 import { hintsOf, restOf } from "../labelling/painting.js";
 import { askSight, unseenOf } from "../labelling/sight.js";
 import { nextIn, stepFrom } from "../labelling/steps.js";
-import { suggestionFault } from "../labelling/suggest.js";
+import { suggestionFault, whyNoSuggestions } from "../labelling/suggest.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
 import { isAway, pending, state } from "../saving/saver.js";
 import { describeCell, describeFrame, describeInfo } from "./frame_bar.js";
@@ -102,11 +102,14 @@ export function showStatus() {
   const { camera, frame, fault } = page().show;
   const cell = cellAtHand();
   const labels = page().canvas.content.labels;
-  const first = fault || describeFrame(camera, frame, labels, cell === null); // the line is short
+  const hinted = cell !== null || fault || page().hints.some(Boolean);
+  const nothing = hinted ? "" : whyNoSuggestions(camera, frame);
+  const sight = cell === null && !suggestionFault(camera, frame); // the line is short
+  const first = fault || describeFrame(camera, frame, labels, sight);
   const parts = labels && cell !== null ? [describeCell(cell, labels, page().hints[cell])] : [];
   if (labels) parts.push(...noteWords(labels.notes, cell));
-  if (!parts.length && page().info) parts.push(page().info);
-  else if (!parts.length && !Object.values(mission.counts).some(Boolean)) parts.push(BEGIN);
+  const begin = Object.values(mission.counts).some(Boolean) ? "" : BEGIN;
+  if (!parts.length) parts.push((mission.model && nothing) || page().info || begin || nothing);
   const said = parts.join(", ");
   const hint = cell === null ? null : page().hints[cell];
   const value = hint?.model ? ` (decision value ${hint.text})` : "";
@@ -127,9 +130,9 @@ export function showTools() {
   const strong = proposed.filter((hint) => hint.strong).length;
   page().tools.show(view.tool === "paint" ? selectedClass() : view.tool);
   const counted = `${strong} of ${proposed.length} suggested patches sure`;
-  const nothing = "Nothing is suggested here.";
+  const nothing = whyNoSuggestions(camera, frame) || "Nothing is suggested here.";
   page().mask.show();
-  page().drawer.show(suggestionFault(camera, frame) || (proposed.length ? counted : nothing));
+  page().drawer.show(proposed.length ? counted : nothing);
   page().bar.show(camera, frame);
   const blink = Boolean(blinking || showsBefore);
   /** @type {Record<string, boolean>} */

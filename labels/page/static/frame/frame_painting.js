@@ -6,6 +6,7 @@ import { announce, focusView, say } from "../core/dom.js";
 import { inView, selectClass, selectedClass, who } from "../core/mission.js";
 import { cellName } from "../core/patch_grid.js";
 import { MASKED } from "../labelling/cell_drawing.js";
+import { putOffWords } from "../labelling/obstacle_class.js";
 import { accept, dropAllCopies, paint, propose } from "../labelling/painting.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
 import { isAway, state, whenIdle } from "../saving/saver.js";
@@ -57,7 +58,7 @@ export function apply(/** @type {number[]} */ cells, /** @type {How} */ how, kin
   if (view.tool === "mask") drawMask(camera, cells);
   else if (!inView(camera, cells).length) say("Masked: no view. A masked patch takes no label.");
   else if (how === "confirm") {
-    if (accept(camera, frame, { cells }) === 0) say("Nothing is suggested there.");
+    if (accept(camera, frame, { cells }) === 0) say(putOffWords() || "Nothing is suggested there.");
   } else if (how === "unsure") paint(camera, frame, cells, "unsure", kind);
   else paint(camera, frame, cells, how === "erase" ? null : selectedClass(), kind);
   showLabels();
@@ -77,7 +78,7 @@ export function acceptHere(options) {
 
 /** The same; `words`: if there are none. @param {string} words @param {AcceptOptions} [options] */
 export function acceptOr(words, options) {
-  if (acceptHere(options) === 0) say(words);
+  if (acceptHere(options) === 0) say(putOffWords() || words);
 }
 
 /** Move the cursor, and read out what is there. @type {CursorMove} */

@@ -3,8 +3,8 @@
 import { nothingYet } from "../core/controls.js";
 import { backAfterMouse, el, part, setAttribute, setText } from "../core/dom.js";
 import { mission, setSetting, setting } from "../core/mission.js";
-import { obstacleChoice } from "./obstacle_class.js";
-import { needsObstacleClass, obstacleClass, percentRight } from "./suggest.js";
+import { obstacleButton, obstacleWords } from "./obstacle_class.js";
+import { needsObstacleClass, percentRight } from "./suggest.js";
 /** @import { Child, NumberSetting } from "../types.js" */
 
 export function buildDrawer(/** @type {Child[]} */ ...more) {
@@ -66,14 +66,14 @@ function showModel(/** @type {HTMLElement} */ root, /** @type {string} */ said) 
     }
     return;
   }
-  if (!root.querySelector("select")) root.replaceChildren(...modelParts());
+  if (!root.querySelector("button")) root.replaceChildren(...modelParts());
   const progress = model.done < model.total ? ` · ${model.done}/${model.total} frames` : "";
   setText(part(root, "b"), `${model.label}${progress}`);
   setText(part(root, "p"), said);
   part(root, "input").checked = setting("suggestions");
-  const select = part(root, "select");
-  setAttribute(select.closest("label"), "hidden", !needsObstacleClass());
-  if (select.value !== obstacleClass()) select.value = obstacleClass();
+  const obstacles = part(root, "button");
+  setAttribute(obstacles.closest(".pick"), "hidden", !needsObstacleClass());
+  setText(obstacles, obstacleWords());
 }
 
 function modelParts() {
@@ -85,7 +85,7 @@ function modelParts() {
     ),
     slider("confidence", "Sure from", 0, 3, 0.05),
     slider("follow", "Keep from before", 0, 5, 0.25),
-    el("label", { class: "pick" }, el("span", { text: "Obstacle is" }), obstacleChoice()),
+    el("div", { class: "pick" }, el("span", { text: "Obstacle is" }), obstacleButton()),
     el("p", { class: "model-said" }),
   ];
 }

@@ -1,43 +1,79 @@
-// Which class a model's obstacles are: the question to a person, and the choice in the drawer.
+// Which classes a model's obstacles are: the question to a person, and the button in the drawer.
 
 import { onFailure, post } from "../core/api.js";
-import { choice, classTag, complain } from "../core/controls.js";
+import { classTag, complain } from "../core/controls.js";
 import { backAfterMouse, button, dialogById, el } from "../core/dom.js";
 import { mission } from "../core/mission.js";
-import { asksObstacleClass, obstacleClass, obstacleClasses } from "./suggest.js";
+import { asksObstacleClass, chosenObstacles, obstacleClass, obstacleClasses } from "./suggest.js";
 
-/** For a model that only knows "obstacle": which class that is in these frames. */
-export function obstacleChoice() {
-  const select = choice(obstacleClasses(), obstacleClass());
-  select.addEventListener("change", () => setObstacleClass(select.value));
-  return backAfterMouse(select);
+let isPutOff = false; // until somebody answers, or the page is loaded again
+
+/** For a model that only knows "obstacle": which classes that is in these frames. */
+export function obstacleButton() {
+  return backAfterMouse(button("", ask, { class: "obstacles", "aria-haspopup": "dialog" }));
 }
 
-async function setObstacleClass(/** @type {string} */ value) {
-  const explain = complain("Not kept:", { stays: true });
-  // All pages hear of it as an event, this one too: events come in order, an answer may not.
-  await post("/api/settings", { name: "obstacle_as", value }).catch(onFailure(explain));
+/** What is written on it. */
+export function obstacleWords() {
+  return chosenObstacles().join(", ") || obstacleClass();
 }
 
-/** Ask which of several learnt classes are obstacles, if nobody said so; whether it is asked. */
+/** Why the obstacles of the model were not accepted; "" where they may be. */
+export function putOffWords() {
+  const left = isPutOff && asksObstacleClass();
+  return left ? "You put off which obstacles these are: the settings say it (Obstacle is)." : "";
+}
+
+/** Ask which of several classes are obstacles, if nobody said so; whether it is asked now. */
 export function askObstacleClass() {
+  if (!asksObstacleClass() || isPutOff) return false;
+  if (!dialogById("question").open) ask();
+  return true;
+}
+
+function ask() {
   const dialog = dialogById("question");
-  if (!mission.model || !asksObstacleClass()) return false;
-  if (dialog.open) return true;
-  const { learnt, label } = mission.model;
-  const choose = (/** @type {string} */ name) => {
+  const learnt = mission.model?.learnt ?? {};
+  const before = chosenObstacles();
+  const boxes = obstacleClasses().map((value) =>
+    el("input", { type: "checkbox", value, checked: before.includes(value), on: { change: check } }),
+  );
+  const chosen = () => boxes.filter(({ checked }) => checked).map(({ value }) => value);
+  const close = (/** @type {boolean} */ putsOff) => {
+    isPutOff = putsOff;
     dialog.close();
-    setObstacleClass(name);
   };
-  const answers = obstacleClasses().map((name) => {
-    const text = learnt[name] ? `${learnt[name].toLocaleString("en")} patches learnt` : "not learnt";
-    return button("", () => choose(name), {}, classTag(name), el("span", { class: "count", text }));
+  const done = button("These", () => {
+    setObstacleClasses(chosen());
+    close(false);
+  }, { class: "main" });
+  function check() {
+    done.disabled = !chosen().length;
+  }
+  check();
+  const answers = boxes.map((box) => {
+    const count = learnt[box.value]?.toLocaleString("en");
+    const text = count ? `${count} patches learnt` : "not learnt";
+    return el("label", {}, box, classTag(box.value), el("span", { class: "count", text }));
   });
   dialog.replaceChildren(
     el("h2", { text: "What are the obstacles of this dive?" }),
-    el("p", { text: `${label} tells obstacles from open water, not which ones they are.` }),
+    el("p", { text: `${mission.model?.label} tells obstacles from open water, not which ones they are.` }),
     el("div", { class: "answers" }, ...answers),
+    el("p", {
+      text: "Of several, an accepted patch takes the class that it has in the frame before, else the " +
+        "one that you paint with, else the first. The settings let you choose again.",
+    }),
+    done,
+    " ",
+    button("Later", () => close(true), { title: "Accept only what is suggested as clear for now" }),
   );
   dialog.showModal();
-  return true;
+}
+
+async function setObstacleClasses(/** @type {string[]} */ names) {
+  const explain = complain("Not kept:", { stays: true });
+  // All pages hear of it as an event, this one too: events come in order, an answer may not.
+  const setting = { name: "obstacle_as", value: names.join(",") };
+  await post("/api/settings", setting).catch(onFailure(explain));
 }

@@ -7,7 +7,7 @@ import { read, remove, write } from "../core/settings.js";
 import { labelsChanged, labelsOf } from "../saving/labels.js";
 import { act, changesOf } from "../saving/saver.js";
 import { askObstacleClass } from "./obstacle_class.js";
-import { kindOf, modelObstacles, suggestedLabels } from "./suggest.js";
+import { asksObstacleClass, kindOf, modelObstacles, suggestedLabels } from "./suggest.js";
 /** @import { AcceptOptions, Hint, LabelledPatch, Place, Rest } from "../types.js" */
 
 const PREFIX = "tokt.copy/";
@@ -64,18 +64,24 @@ export function accept(camera, frame, { cells, all = false } = {}) {
     if (!hint || !(all || cells || hint.strong)) return [];
     return [{ camera, frame, cell, base: null, ...hint }];
   });
-  if (asksFirst(patches)) return null;
-  const kind = patches.some(({ model }) => model) ? "accept" : "copy";
-  const key = act(kind, changesOf(patches));
+  const named = withKnownClass(patches);
+  if (!named) return null;
+  const kind = named.some(({ model }) => model) ? "accept" : "copy";
+  const key = act(kind, changesOf(named));
   if (!key) return 0;
   taken.set(key, { camera, frame, copies: copiesOf(camera, frame) });
-  forgetCopies(camera, frame, patches.map(({ cell }) => cell));
-  return patches.length;
+  forgetCopies(camera, frame, named.map(({ cell }) => cell));
+  return named.length;
 }
 
-/** Whether it must be asked first which obstacle the model means by these patches; then it is. */
-export function asksFirst(/** @type {LabelledPatch[]} */ patches) {
-  return patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass();
+/** The patches whose class is known; null where it is asked first which obstacle the model means.
+ * While that is put off they are those that are no obstacles of the model alone.
+ * @template {LabelledPatch} T @param {T[]} patches
+ */
+export function withKnownClass(patches) {
+  const named = patches.filter(({ model, label }) => !(model && kindOf(label)));
+  if (named.length === patches.length || !asksObstacleClass()) return patches;
+  return askObstacleClass() ? null : named;
 }
 
 /** Propose the copies again that an action took which is undone now. */

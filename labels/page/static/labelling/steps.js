@@ -68,6 +68,7 @@ export async function nextUncertain(/** @type {string} */ camera, /** @type {num
     shown.add(`${next.camera}/${next.frame}`);
     return next;
   }
+  if (queue.why_not) return { why: queue.why_not };
   shown.clear();
   return { why: "These were all uncertain frames; the next press begins again." };
 }

@@ -19,7 +19,9 @@
 // when accepted, and where it is of another kind than what the model says it is against the model:
 // never confident, and shown as such.
 
-import { classOf, clearClass, frameIndex, frames, mission, setting } from "../core/mission.js";
+import {
+  classOf, clearClass, frameIndex, frames, inView, mission, selectedClass, setting,
+} from "../core/mission.js";
 import { labelsOf } from "../saving/labels.js";
 /** @import { Held, Model, Says, Suggestion } from "../types.js" */
 
@@ -33,17 +35,27 @@ export function obstacleClasses() {
   return obstacles.sort((a, b) => (learnt[b] ?? 0) - (learnt[a] ?? 0));
 }
 
-/** The class that a binary model's "obstacle" stands for: as somebody said, else as it learnt. */
-export function obstacleClass() {
-  const { name, obstacle } = classOf(mission.settings.obstacle_as);
-  return obstacle ? name : (obstacleClasses()[0] ?? "");
+/** The classes that somebody said a binary model's "obstacle" may be in this mission. */
+export function chosenObstacles() {
+  const chosen = new Set(mission.settings.obstacle_as?.split(","));
+  return obstacleClasses().filter((name) => chosen.has(name));
 }
 
-/** Whether nobody said yet which of several classes that the model learnt "obstacle" stands for. */
+/** The class that a binary model's "obstacle" stands for: of several chosen ones that which painting
+ * gives now, else the one that the model learnt most.
+ */
+export function obstacleClass() {
+  const chosen = chosenObstacles();
+  if (chosen.includes(selectedClass())) return selectedClass();
+  return chosen[0] ?? obstacleClasses()[0] ?? "";
+}
+
+/** Whether nobody said yet which of several classes "obstacle" stands for. */
 export function asksObstacleClass() {
-  if (!needsObstacleClass() || classOf(mission.settings.obstacle_as).obstacle) return false;
+  if (!needsObstacleClass() || chosenObstacles().length) return false;
   const learnt = mission.model?.learnt ?? {};
-  return obstacleClasses().filter((name) => learnt[name]).length !== 1;
+  const classes = obstacleClasses();
+  return classes.length > 1 && classes.filter((name) => learnt[name]).length !== 1;
 }
 
 /** Whether the model only says obstacle or clear, so that a person must say which class. */
@@ -178,4 +190,21 @@ function heldBefore(/** @type {string} */ camera, /** @type {number} */ frame) {
 /** Why a frame has no suggestions; "" where it has or nothing is amiss. */
 export function suggestionFault(/** @type {string} */ camera, /** @type {number} */ frame) {
   return labelsOf(camera, frame)?.suggestions?.fault ?? "";
+}
+
+/** Why nothing is suggested for the patches of a frame that have no label; "" where something may
+ * be, or where all have one.
+ */
+export function whyNoSuggestions(/** @type {string} */ camera, /** @type {number} */ frame) {
+  const labels = labelsOf(camera, frame);
+  const open = inView(camera, labels?.mine.keys() ?? []).filter((cell) => !labels?.mine[cell]);
+  if (!labels || !open.length) return "";
+  if (mission.blind) return "Blind: suggestions are hidden.";
+  if (!mission.model) return "No suggestions: there is no model yet.";
+  if (!setting("suggestions")) return "Suggestions are switched off (m).";
+  const { suggestions } = labels;
+  if (suggestions?.model !== mission.model.label) return "The model is looking at this frame.";
+  if (suggestions.fault) return `No suggestions: ${suggestions.fault}`;
+  if (open.some((cell) => suggestions.values[cell] !== null)) return "";
+  return "No suggestions: what the model would call clear is not seen.";
 }

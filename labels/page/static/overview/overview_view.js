@@ -12,7 +12,8 @@ import { addView, go, noteAddress } from "../core/router.js";
 import { ARROWS, arrowKeys, cellAt, cellFrom } from "../core/patch_grid.js";
 import { passesBlindList, tryBlindList } from "../labelling/blind_list.js";
 import { filterWords, onClassFrames, passing } from "../labelling/filters.js";
-import { asksFirst, leftWords, restOf } from "../labelling/painting.js";
+import { putOffWords } from "../labelling/obstacle_class.js";
+import { leftWords, restOf, withKnownClass } from "../labelling/painting.js";
 import { framesFollowed, kindOf, modelObstacles } from "../labelling/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { act, actOn, changesOf, patchesAre, withdraw } from "../saving/saver.js";
@@ -260,14 +261,14 @@ function accepting(/** @type {boolean} */ all) {
   if (page().thumbs.length === 0) return;
   const { waiting, open } = tally(({ camera, frame }) => contentOf(camera, frame));
   if (waiting > 0) return sayWaiting(waiting);
-  const patches = worked().flatMap((thumb) => suggestedPatches(thumb, all));
-  if (asksFirst(patches)) return;
+  const patches = withKnownClass(worked().flatMap((thumb) => suggestedPatches(thumb, all)));
+  if (!patches) return;
   const count = actOn("accept", patches);
   const left = open - count;
   if (count > 0 && left > 0) {
     return say(`${patchesAre(count)} accepted; ${left} wait for you. Enter again goes on.`);
   }
-  goOn(count > 0 ? `${patchesAre(count)} accepted; Ctrl+Z undoes.` : "Nothing to accept here.");
+  goOn(count > 0 ? `${patchesAre(count)} accepted; Ctrl+Z undoes.` : putOffWords() || "Nothing to accept here.");
 }
 
 function sayWaiting(/** @type {number} */ count) {

@@ -3,7 +3,6 @@
 import "../frame/frame_view.js";
 import { whereStopped } from "../labelling/steps.js";
 import { ApiError } from "../core/api.js";
-import { askObstacleClass } from "../labelling/obstacle_class.js";
 import { byId, el } from "../core/dom.js";
 import { askPerson, startHeader } from "./header.js";
 import { addGlobalKeys, listen, toggleHelp } from "../core/keys.js";
@@ -47,7 +46,6 @@ async function start() {
   addLaterView("agreement", "Agreement", later("sheets/agreement"));
   addLaterView("files", "Files and models", later("files/files"));
   startRouting(`#/label/${whereStopped().join("/")}`);
-  askObstacleClass();
   setTimeout(loadLaterViews, LOAD_LATER_MS);
 }
 

@@ -59,10 +59,12 @@ def test_a_setting_of_the_mission_is_everybodys_also_after_a_restart(server):
         with LabelStore(server.workspace / FILE_NAME) as store:  # another server's
             store.set_setting("tiny", "obstacle_as", "sand", "carl", utc_now())
         assert until(lambda: ben.next("status")["settings"] == {"obstacle_as": "sand"})
-    assert {refused(name="font"), refused(value="ocean"), refused(value="unsure")} == {400}
+    wrong = "ocean", "unsure", "reef,ocean", "reef,", "", "reef," * 1000
+    assert {refused(name="font"), *(refused(value=value) for value in wrong)} == {400}
+    assert refused(value="reef,sand") == 200
     server.interrupt()
     server.start()
-    assert server.get("/api/mission")["settings"] == {"obstacle_as": "sand"}
+    assert server.get("/api/mission")["settings"] == {"obstacle_as": "reef,sand"}
 
 
 def test_an_idle_stream_says_it_is_alive(server):

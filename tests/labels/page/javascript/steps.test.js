@@ -70,6 +70,8 @@ test("the queue says why, its frames come once each, those of this camera first"
   assert.equal((await nextUncertain("left", 10)).frame, 12);
   assert.equal((await nextUncertain("left", 12)).frame, 11);
   assert.match((await nextUncertain("right", 11)).why, /begins again/);
+  queue({ why_not: "The model cannot judge 3 frames" });
+  assert.match((await nextUncertain("right", 11)).why, /cannot judge 3 frames/);
 });
 
 test("without a list nothing is to be labelled blind", () => {

@@ -3,22 +3,22 @@ import { beforeEach, test } from "node:test";
 import { mission, setSetting } from "../../../../labels/page/static/core/mission.js";
 import { hintsOf, leftWords, restOf } from "../../../../labels/page/static/labelling/painting.js";
 import {
-  asksObstacleClass, framesFollowed, modelObstacles, obstacleClass, obstacleClasses, percentRight,
-  suggestedLabels,
+  asksObstacleClass, chosenObstacles, framesFollowed, modelObstacles, obstacleClass, obstacleClasses,
+  percentRight, suggestedLabels, whyNoSuggestions,
 } from "../../../../labels/page/static/labelling/suggest.js";
 import { prefetch } from "../../../../labels/page/static/saving/labels.js";
-import { MODEL, answers, loaded } from "./missions.js";
+import { MODEL, REEF, UNSURE, WATER, answers, loaded } from "./missions.js";
 
 let event = 100;
 
 /** Let frames of the left camera have labels of mine, and suggestions [class, value] a patch. */
 async function labelled(byFrame) {
   event += 100;
-  const frames = Object.entries(byFrame).map(([frame, { mine, says }]) => ({
+  const frames = Object.entries(byFrame).map(([frame, { mine, says, fault = "" }]) => ({
     camera: "left", frame: Number(frame), mine, models: {}, others: {}, notes: [],
     settled: mine.map(() => null),
     suggestions: says && {
-      model: MODEL.label, classes: says.map(([index]) => index), values: says.map(([, v]) => v), fault: "",
+      model: MODEL.label, classes: says.map(([index]) => index), values: says.map(([, v]) => v), fault,
     },
   }));
   answers({ "/api/labels": { event, frames } });
@@ -39,6 +39,47 @@ test("the obstacle class is what somebody said, else what the model learnt most"
   assert.equal(asksObstacleClass(), true); // two were learnt and nobody said which
   mission.settings = { obstacle_as: "sand" };
   assert.deepEqual([obstacleClass(), asksObstacleClass()], ["sand", false]);
+});
+
+test("of several chosen classes an obstacle is the one that painting gives, else the first", () => {
+  mission.settings = { obstacle_as: "sand,reef,gone" };
+  setSetting("selected", "water");
+  assert.deepEqual([chosenObstacles(), obstacleClass()], [["reef", "sand"], "reef"]);
+  setSetting("selected", "sand");
+  assert.deepEqual([obstacleClass(), asksObstacleClass()], ["sand", false]);
+  mission.settings = { obstacle_as: "reef" };
+  assert.equal(obstacleClass(), "reef"); // sand is none of them
+  setSetting("selected", "");
+});
+
+test("nobody is asked about obstacles where there is one class of them", async () => {
+  await loaded({ model: { ...MODEL, learnt: {} }, classes: [WATER, REEF, UNSURE] });
+  assert.equal(asksObstacleClass(), false);
+});
+
+test("why nothing is suggested is said, until something is or all is labelled", async () => {
+  const why = () => whyNoSuggestions("left", 20);
+  const says = async (patches, fault = "") => labelled({ 20: { mine: NONE, says: patches, fault } });
+  assert.equal(why(), ""); // not loaded yet
+  await says(null);
+  assert.match(why(), /is looking at this frame/);
+  await says([], "too small");
+  assert.equal(why(), "No suggestions: too small");
+  await says([[CLEAR, null], [CLEAR, null]]);
+  assert.match(why(), /would call clear is not seen/);
+  await says([[CLEAR, null], [OBSTACLE, 1]]);
+  assert.equal(why(), "");
+  setSetting("suggestions", false);
+  assert.match(why(), /switched off/);
+  setSetting("suggestions", true);
+  await labelled({ 20: { mine: ["reef", "water"], says: null } });
+  assert.equal(why(), "");
+  await says(null);
+  mission.blind = true;
+  assert.match(why(), /Blind/);
+  mission.blind = false;
+  mission.model = null;
+  assert.match(why(), /no model yet/);
 });
 
 test("how sure the page says a model is comes from its own measured patches", () => {

@@ -9,12 +9,15 @@ import pytest
 from tests.labels.page.colours import contrast, luminance
 from tests.waiting import until
 
-NIGHT, SNOW, BLURRED = 11, 12, 8  # frames
+NIGHT, SNOW, BLURRED, NARROW = 11, 12, 8, 41  # frames
 
 
 @pytest.fixture(scope="module")
 def dive(tiny, tmp_path_factory):
-    """The tiny mission; the left half of three frames is dark, saturated or blurred."""
+    """The tiny mission; the left half of three frames is dark, saturated or blurred.
+
+    One more frame has a shape that the model cannot judge.
+    """
     folder = shutil.copytree(tiny.path, tmp_path_factory.mktemp("unseen") / "tiny")
     for frame in (NIGHT, SNOW, BLURRED):
         path = str(folder / f"Left/tiny_L_{frame}.png")
@@ -22,6 +25,7 @@ def dive(tiny, tmp_path_factory):
         blurred = cv2.GaussianBlur(picture, (0, 0), 4)
         picture[:, :180] = {NIGHT: 2, SNOW: 250, BLURRED: blurred[:, :180]}[frame]
         cv2.imwrite(path, picture)
+    cv2.imwrite(str(folder / f"Left/tiny_L_{NARROW}.png"), picture[:90])
     return folder
 
 
@@ -84,3 +88,14 @@ def test_copies_of_what_is_clear_are_not_sure_where_nothing_is_seen(open_frame, 
     added = {*view.stored(BLURRED)} - {*before}
     [labels] = server.get("/api/labels", camera="left", frames=BLURRED, suggest=1)["frames"]
     assert not any(labels["suggestions"]["values"][cell] is None for cell in added)
+
+
+def test_why_nothing_is_suggested_stands_beside_the_picture(open_frame):
+    view = open_frame(NARROW)
+    view.shows("#status", "No suggestions: ")
+    view.shows("#status", "360x90")
+    view.press("m")
+    view.shows("#status", "Suggestions are switched off (m)")
+    view.press("m")
+    view.open(1)
+    until(lambda: "No suggestions" not in view.text("#status"))

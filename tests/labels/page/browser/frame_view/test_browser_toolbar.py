@@ -62,7 +62,7 @@ def test_buttons_that_would_do_nothing_say_why(open_frame, page_server):
     assert refuses(view, "next") and refuses(view, "previous") is None
 
 
-def test_which_obstacle_is_asked_once_where_several_were_learnt(
+def test_which_obstacles_they_are_is_asked_once_where_several_were_learnt(
     open_frame, page_server, tiny_bundle, tmp_path
 ):
     content = read_bundle(tiny_bundle).content
@@ -77,16 +77,28 @@ def test_which_obstacle_is_asked_once_where_several_were_learnt(
     # Of a table that anybody may have written what is none is left out; 92 %, not 93.
     assert server.get("/api/mission")["model"]["right"] == [[0, 3.0, None, 92]]
     view = open_frame(30, server)
-    view.page.wait_for_selector("#question[open]")
-    answers = view.page.locator("#question button")
-    assert [text.split("\n")[0] for text in answers.all_inner_texts()][:1] == ["4"]  # reef's key
-    view.press("Escape", "Shift+Enter")
+    question = view.page.locator("#question")
+    assert question.get_attribute("open") is None  # nothing depends on it yet
+    view.press("Shift+Enter")
     view.page.wait_for_selector("#question[open]")  # nothing was guessed
+    assert question.locator("label").first.inner_text().split("\n")[0] == "4"  # reef's key
+    assert question.get_by_role("button", name="These").is_disabled()
     view.saved()
     assert view.stored(30) == {}
-    answers.first.click()
+    question.get_by_role("button", name="Later").click()
+    view.press("Shift+Enter")
+    view.saved()
+    assert {"ocean"} == set(view.stored(30).values())
+    view.press("Shift+Enter")
+    view.shows("#toast", "You put off which obstacles these are")
+    view.press("S")
+    view.page.locator(".obstacles").click()
+    for name in ("reef", "sand"):
+        question.locator("label", has_text=name).click()
+    question.get_by_role("button", name="These").click()
     view.page.wait_for_selector("#question:not([open])", state="attached")
-    until(lambda: knows(view.page, "settings.obstacle_as === 'reef'"))
+    until(lambda: knows(view.page, "settings.obstacle_as === 'reef,sand'"))
+    view.shows(".obstacles", "reef, sand")
     view.press("Shift+Enter")
     view.saved()
     assert {"ocean", "reef"} == set(view.stored(30).values())
