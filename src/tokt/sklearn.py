@@ -46,7 +46,15 @@ from tokt.features.extractors.extractor import Extractor, build_extractor, extra
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion, open_dataset
-from tokt.training.datasets.folds import BLOCK, DIVE, EMBARGO_FRAMES, FOLDS, Fold, dive_folds
+from tokt.training.datasets.folds import (
+    BLOCK,
+    BLOCK_FRAMES,
+    DIVE,
+    FOLDS,
+    Fold,
+    dive_folds,
+    embargo_of,
+)
 from tokt.training.datasets.mission_source import PATCH_GRID
 from tokt.training.datasets.split import Split
 
@@ -155,8 +163,9 @@ def load_dataset(
     frame = places.get_indexer(pd.MultiIndex.from_frame(patches[FRAME_KEY]))
     cell = (patches.row * dataset.grid.cols + patches.col).to_numpy(np.int64)
     groups = patches.assign(site=[dataset.sites.get(name, "") for name in patches.mission])
-    if dataset.block_frames is None:
-        groups["frame"] = np.nan  # numbers only count files: none is near another
+    groups["block_frames"] = dataset.block_frames or 0
+    single = groups.mission.isin(dataset.single_pictures) | (dataset.block_frames is None)
+    groups["frame"] = groups.frame.mask(single)  # numbers only count files: none is near another
     data = Patches(dataset.read_frame, dataset.grid, frame, cell, groups)
     whole = Bunch(data=data, target=target, target_names=names, groups=groups, label=dataset.label)
     return (data, target) if return_X_y else whole
@@ -313,10 +322,12 @@ class DiveSplit(BaseCrossValidator):  # type: ignore[misc]
 
     Parameters
     ----------
-    n_splits : int
-        Folds of blocks, or of more than sixteen dives; fewer dives are held out one by one.
-    embargo_frames : int
-        Training patches so near to a test frame of their dive, or nearer, are left out.
+    n_splits : int, optional
+        Folds of blocks, or of more than sixteen dives; fewer dives are held out one by one. By
+        default as many as the labelled frames can bear: five, or fewer, or each frame alone.
+    embargo_frames : int, optional
+        Training patches so near to a test frame of their dive, or nearer, are left out. By default
+        a quarter of a block of `load_dataset`, and none between single pictures.
     by : {"dive", "block"}, optional
         What is held out; by default dives, or their sites, where there are several.
     """
@@ -324,7 +335,7 @@ class DiveSplit(BaseCrossValidator):  # type: ignore[misc]
     __metadata_request__split = {"groups": True}  # noqa: RUF012
 
     def __init__(
-        self, n_splits: int = FOLDS, embargo_frames: int = EMBARGO_FRAMES, by: str | None = None
+        self, n_splits: int | None = None, embargo_frames: int | None = None, by: str | None = None
     ) -> None:
         self.n_splits = n_splits
         self.embargo_frames = embargo_frames
@@ -355,11 +366,17 @@ class DiveSplit(BaseCrossValidator):  # type: ignore[misc]
         targets = np.unique(y, return_inverse=True)[1]
         sites = {m: s for m, s in zip(groups.mission, groups.site, strict=True) if s}
         by = self.by or (DIVE if groups.mission.nunique() > 1 else BLOCK)
+        block = int(groups.block_frames.max()) if "block_frames" in groups else BLOCK_FRAMES
+        embargo = embargo_of(block) if self.embargo_frames is None else self.embargo_frames
+        folds = FOLDS if self.n_splits is None else self.n_splits
         try:
-            split = Split(self.n_splits, self.embargo_frames, by, sites=sites)
+            split = Split(folds, embargo, by, sites=sites)
         except (TypeError, ValueError):
             words = "n_splits from 2, embargo_frames from 0, by 'dive' or 'block'"
             raise SampleError(f"DiveSplit takes {words}") from None
-        if self.by == DIVE and not dive_folds(groups, targets, sites, self.n_splits, False):
+        if self.by == DIVE and not dive_folds(groups, targets, sites, folds, False):
             raise SampleError("by='dive' takes two dives with every class, and no common picture")
+        if self.n_splits is None:
+            by_choice = self.by is None
+            split = split.borne_by(groups, targets, block, with_choices=False, or_blocks=by_choice)
         return split.cut(groups, targets)

@@ -26,7 +26,7 @@ from tests.fixtures import draw_tiny_frame, tiny_labels, write_labels
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import extractor_named, gray_picture
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.mission import open_mission
+from tokt.features.frames.mission import open_mission, parse_frames
 from tokt.sklearn import (
     LBP,
     DiveSplit,
@@ -193,6 +193,28 @@ def test_folds_and_decision_values_are_those_of_tokt_train(dataset, workspace, t
     model = make_pipeline(LBP(border="frame"), StandardScaler(), svc)
     values = cross_val_predict(model, X, y, cv=cv, method="decision_function")
     assert same_bits(values, held_out.values[:, 0])
+
+
+@pytest.mark.parametrize(("frames", "folds"), [("1,5,9,13,17,20", 6), ("1-20", 5), ("1-12", 4)])
+def test_folds_left_open_are_as_many_as_the_labelled_frames_can_bear(
+    frames, folds, workspace, tmp_path
+):
+    mission = workspace.parent / "east"
+    labelled = set(parse_frames(frames))
+    rows = [row for row in tiny_labels("east") if row[2] in labelled]
+    write_labels(tmp_path / "labels.csv", rows)
+    given = ("--mission", mission, "--labels", tmp_path / "labels.csv", "--block", 4)
+    succeeds("dataset", "build", "few", *given, "--workspace", tmp_path / ".tokt")
+    version = open_dataset("few", tmp_path / ".tokt" / "datasets")
+    X, y = load_dataset(version, return_X_y=True)
+    expected = Split.of(version, with_choices=False).cut(version.patches, version.targets())
+    cut = list(DiveSplit().split(X, y))
+    assert len(cut) == len(expected) == DiveSplit().get_n_splits(X, y) == folds
+    for (train_rows, test_rows), fold in zip(cut, expected, strict=True):
+        assert (train_rows.tolist(), test_rows.tolist()) == (
+            fold.train.tolist(),
+            fold.test.tolist(),
+        )
 
 
 def test_groups_and_labels_that_are_missing_are_named(one):

@@ -183,7 +183,7 @@ class Split:
         words = with_choices and block_frames and too_few_frames(patches, targets, block_frames)
         if words:
             raise ToktError(words)
-        blocks = patches.groupby("group").frame.nunique()
+        blocks = patches.groupby("group").frame.nunique(dropna=False)
         of_class = patches.groupby(["mission", targets]).group.nunique()
         if of_class.min() >= FOLDS * LEAST_BLOCKS:
             return self  # each dive has plenty, and of a million patches `check` takes a minute
