@@ -179,7 +179,7 @@ function cancelJob() {
 }
 
 /** @type {Record<string, string>} */
-const SAID = { done: "Result", failed: "Failed", cancelled: "Cancelled" };
+const SAID = { done: "is ready", failed: "failed", cancelled: "was cancelled" };
 
 async function showJob() {
   const here = view.parts;
@@ -196,7 +196,7 @@ async function showJob() {
     el("p", { class: job.state === "failed" ? "bad" : "" ,
       text: running
         ? `${name}: step ${job.step} of ${job.steps}, ${doing}.`
-        : `${name}. ${SAID[job.state]}${job.error ? `: ${job.error}` : "."}`,
+        : `${name} ${SAID[job.state]}${job.error ? `: ${job.error}` : "."}`,
     }),
     ...(result.length ? [lines(result)] : []),
     ...(running && total ? [el("progress", { max: total, value: done, "aria-label": what })] : []),

@@ -103,7 +103,7 @@ def test_a_model_of_the_labels_is_trained_and_suggests_and_labels_are_audited(
     card.get_by_text("There is no model yet").wait_for()
     card.get_by_role("button", name="Train a model").click()
     card.get_by_role("button", name="Cancel").click()
-    card.get_by_text("The model. Cancelled").wait_for()
+    card.get_by_text("The model was cancelled").wait_for()
     assert server.get("/api/mission")["model"] is None
     with server.events(who="anna") as stream:
         told = [stream.next("status")]
@@ -115,7 +115,7 @@ def test_a_model_of_the_labels_is_trained_and_suggests_and_labels_are_audited(
     assert {"features", "cross-validation"} & {step["what"] for step in steps}
     assert all(0 <= step["done"] <= step["total"] for step in steps)
     assert told[-1]["setup"] != told[0]["setup"]
-    card.get_by_text("The model. Result.").wait_for()
+    card.get_by_text("The model is ready.").wait_for()
     result = server.get("/api/job")["job"]["result"]
     assert result and "Done" not in card.inner_text()
     assert card.locator(".job li").all_inner_texts() == [" ".join(one.split()) for one in result]
