@@ -25,7 +25,7 @@ from tokt.training.options import Notice
 from .dataset import BINARY, PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
 from .frame_rows import SUFFIX as ROWS
 from .mission_list import named_missions
-from .single_pictures import why_single_pictures
+from tokt.features.frames.single_pictures import why_single_pictures
 from .split import bearable_block, blocks_of
 
 PATCH_GRID = Grid(1, 1, None)

@@ -14,7 +14,7 @@ from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.training.datasets.folds import BLOCK_SIZES, LEAST_FRAMES, MAX_BLOCKS_ALONE, embargo_of
-from tokt.training.datasets.single_pictures import why_single_pictures
+from tokt.features.frames.single_pictures import why_single_pictures
 from tokt.training.datasets.split import Split, bearable_block, blocks_of, too_few_frames
 
 WATER, REEF = "ocean", "reef"
