@@ -103,7 +103,10 @@ def shape_fault(frame: U8) -> Fault:
     """Why an array is no picture, uint8 (height, width) or (height, width, 3); or nothing."""
     picture = frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] == 3)
     if frame.dtype != np.uint8 or not picture or 0 in frame.shape:
-        words = f"the frame is {frame.dtype} of shape {frame.shape}, not an 8-bit picture"
+        words = (
+            f"the frame is {frame.dtype} of shape {frame.shape}: no picture of 8 bits (uint8), "
+            "gray (height, width) or BGR (height, width, 3)"
+        )
         return Fault(Reason.WRONG_SIZE, words)
     return NO_FAULT
 

@@ -100,7 +100,8 @@ class Reason(StrEnum):
         "damaged",
         "A part of a picture has rows that repeat, or noise that no camera gives: damaged or "
         "covered.",
-        "Check the network for losses, and whether something covers the lens.",
+        "Check the network for losses, and whether something covers the lens. For a camera or a "
+        "size of frames that the model did not learn, name sharp frames of it (`--sharp-frames`).",
     )
     BLURRED = (
         "blurred",

@@ -249,14 +249,14 @@ def sight_words(limits: Sequence[SightLimits]) -> str:
     if not limits:
         return "Sight was not measured: a picture that shows nothing may look like open water."
     told = [
-        f"{each.width}x{each.height}: {100 * each.blurred:.0f} %"
+        f"{100 * each.blurred:.0f} % of {each.width}x{each.height}"
         + (" (blind: as compressed video)" if each.blind else "")
         for each in limits
     ]
     return (
         "The runtime compares the fine detail of each patch with that of the training frames, and "
-        "says clear only where an obstacle would be seen. Of training frames that were blurred "
-        f"it calls none clear in, by frame size: {', '.join(told)}."
+        "says clear only where an obstacle would be seen. When the training frames were blurred on "
+        f"purpose, it refused to call them clear: {', '.join(told)}."
     )
 
 

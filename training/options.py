@@ -62,4 +62,11 @@ def paths(given: OneOrMore) -> list[Path]:
 
 def texts(given: OneOrMore) -> list[str]:
     """The texts, however they were given: one, several or none."""
-    return [str(one) for one in ([given] if isinstance(given, str | Path) else given or ())]
+    several = [given] if isinstance(given, str | Path) else given or ()
+    for one in several:
+        if not isinstance(one, str | Path):
+            raise ToktError(
+                f"a path is text or a Path, not {type(one).__name__}. Labels go into a file first: "
+                'labels.write("labels.csv")'
+            )
+    return [str(one) for one in several]

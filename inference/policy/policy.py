@@ -8,12 +8,14 @@ could not be judged is told in the verdict's health.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 
 from tokt.features.common.arrays import F64, U8
+from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.frame import Frame
@@ -143,7 +145,17 @@ def judge_image(scorer: Bundle, image: U8) -> Judgement:
     image : array of uint8, shape (height, width) or (height, width, 3)
         As the camera gave it, not resized. Where it cannot be judged, or the scorer fails, the
         verdict is unknown, with the reason in its health; neither raises.
+
+    Raises
+    ------
+    ToktError
+        If something else than a model and an array is given, such as the name of a file.
     """
+    if isinstance(scorer, str | Path) or not isinstance(image, np.ndarray):
+        raise ToktError(
+            "judge_image takes a model of tokt.load_model, then a picture as cv2.imread reads it "
+            f"(None where it could not), not {type(scorer).__name__} and {type(image).__name__}"
+        )
     return SinglePolicy(TextureDetector(scorer)).judge(Frame(0, 0.0, image, None))
 
 

@@ -19,15 +19,30 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *_public(), "__all__", "__version__"})
 
 
+_MEANT = {
+    **dict.fromkeys(("classify", "detect", "infer", "predict"), "judge_image"),
+    **dict.fromkeys(("fit", "train_model"), "train"),
+    **dict.fromkeys(("open_folder", "open_video", "read_video"), "open_source"),
+    "load_dataset": "build_dataset",
+    "score": "evaluate",
+}
+"""Our public names, by what others call the same."""
+
+
 def _guesses(name: str, public: dict[str, str]) -> str:
     """Name the public names that somebody may have meant; few guess that models are loaded."""
     from difflib import get_close_matches
 
+    if name in ("mlflow", "sklearn"):
+        return f": import tokt.{name} first"
+    if name in _MEANT:
+        return f"; there is tokt.{_MEANT[name]}"
     lower = {each.lower(): each for each in public}
     near = [each for each in lower if name.lower() in each]
     alike = name.lower().replace("bundle", "model")  # a bundle is loaded by `load_model`
     near = dict.fromkeys([*near[:3], *get_close_matches(alike, lower, cutoff=0.65)])
-    return f"; there is {', '.join(f'tokt.{lower[each]}' for each in near)}" if near else ""
+    alike = ", ".join(f"tokt.{lower[each]}" for each in near)
+    return f"; there is {alike}" if near else "; dir(tokt) lists the names, commands do the rest"
 
 
 def __getattr__(name: str) -> object:

@@ -38,6 +38,8 @@ from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import Bundle, read_bundle
 
+__all__ = ["frames_array"]
+
 LOADER_MODULE = __name__
 FOLDER_VARIABLE = "TOKT_FRAMES"
 COLUMN = "frame"
@@ -179,7 +181,10 @@ def _picture(given: Any) -> tuple[U8 | None, Fault]:
             return decode_image(data, str(given)), NO_FAULT
     except FrameError as error:
         return None, Fault(Reason.UNREADABLE, str(error))
-    raise _wrong(f"{type(given).__name__} is no frame (an 8-bit array, a path or base64)")
+    kind = type(given).__name__
+    if isinstance(given, np.ndarray):
+        kind = f"an array of {given.dtype} and shape {given.shape}"
+    raise _wrong(f"{kind} is no frame (an 8-bit array, a path or base64)")
 
 
 def _permitted(path: str) -> Path:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+import tokt
 from tests.calls import refused, succeeds
 
 HOW_TO = Path(__file__).resolve().parents[2] / "docs" / "how-to"
@@ -26,6 +27,7 @@ def test_python_judges_a_file_and_a_folder_and_trains(own_tiny, tmp_path, monkey
         code = code.replace('name="tower"', 'name="tower", preset="plain", jobs=1')
         exec(code, found)
     assert len(found["statuses"]) == 40 and found["own"].label == "tower/1"
+    assert tokt.load_model("tower.tokt").sha256 == found["own"].sha256
     assert found["version"].metrics["patch"]["f1"] > 0.9
     assert len(capsys.readouterr().out.splitlines()) >= 42
 

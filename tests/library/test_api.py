@@ -91,6 +91,7 @@ print(len(tokt.Labels.read(f"{sys.argv[2]}/labels.csv")))
             for one in ("load", "Model", "open_model", "read_bundle", "open_bundle")
         ),
         *(("Dataset", "DatasetVersion"), ("Grd", "Grid"), ("judge", "judge_image")),
+        *(("predict", "judge_image"), ("fit", "train"), ("score", "evaluate")),
     ],
 )
 def test_a_guessed_name_is_answered_with_the_public_one(guess, name):
@@ -99,8 +100,36 @@ def test_a_guessed_name_is_answered_with_the_public_one(guess, name):
 
 
 def test_a_name_like_none_is_only_refused():
-    with pytest.raises(AttributeError, match=r"^module 'tokt' has no attribute 'xyz'$"):
+    words = r"^module 'tokt' has no attribute 'xyz'; dir\(tokt\) lists the names, "
+    with pytest.raises(AttributeError, match=words):
         tokt.xyz
+
+
+def test_a_module_that_is_not_imported_yet_is_named():
+    program = """
+import tokt
+try:
+    tokt.mlflow
+except AttributeError as error:
+    print(error)
+"""
+    assert "has no attribute 'mlflow': import tokt.mlflow first" in python(program)
+
+
+def test_what_is_no_model_and_no_picture_is_refused(tiny_bundle, tiny):
+    model, picture = tokt.load_model(tiny_bundle), cv2.imread(str(tiny.path / "Left/tiny_L_30.png"))
+    assert tokt.judge_image(model, picture).verdict.status in (0, 1)
+    for wrong in (("waters", picture), (picture, model), (model, "a.jpg"), (model, None)):
+        with pytest.raises(tokt.ToktError, match=r"judge_image takes a model of tokt\.load_model"):
+            tokt.judge_image(*wrong)
+    said = tokt.judge_image(model, picture / 255).verdict
+    assert said.status == -1 and "float64" in said.health and "(uint8)" in said.health
+
+
+def test_labels_that_are_no_file_are_refused(tiny):
+    labels = tokt.Labels.read(tiny.labels)
+    with pytest.raises(tokt.ToktError, match=r"not LabelRecord. Labels go into a file first"):
+        tokt.build_dataset("tiny", mission=tiny.path, labels=labels)
 
 
 def test_a_bundle_can_be_loaded_by_its_class(tiny_bundle):

@@ -107,10 +107,8 @@ def _folds(kept: Mapping[str, pd.DataFrame], by_dive: bool) -> tuple[I64, dict[s
         axis=1,
         return_inverse=True,
     )
-    first, *_ = kept
-    for label, folds in zip(kept, together, strict=True):
-        if not by_dive and len(np.unique(folds)) < together.shape[1]:
-            raise ToktError(f"{first} and {label} were cross-validated in other folds: {_ASK}")
+    if not by_dive and any(len(np.unique(folds)) < together.shape[1] for folds in together):
+        raise ToktError(f"{', '.join(kept)}: not cross-validated in the same folds: {_ASK}")
     return number.ravel(), {
         label: folds.tolist() for label, folds in zip(kept, together, strict=True)
     }

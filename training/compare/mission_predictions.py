@@ -1,6 +1,6 @@
 """Predictions of models on labelled missions that none of them learnt from."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import pixel_sha256
 from tokt.features.frames.mission import LEFT, Mission, format_frames
+from tokt.features.frames.single_pictures import why_single_pictures
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.texture.detector import TextureDetector, min_mask_patches
@@ -19,8 +20,9 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.operating_point import MAX_WINDOW, frame_step, missed_before
 from tokt.training.datasets.dataset import FRAME_KEY, PATCH_COLUMNS
-from tokt.training.datasets.folds import BLOCK_FRAMES, block_of
+from tokt.training.datasets.folds import BLOCK_FRAMES
 from tokt.training.datasets.mission_source import LabelledMission
+from tokt.training.datasets.split import blocks_of
 from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, known_distances
 from tokt.training.evaluation.evaluate import (
     classes_and_targets,
@@ -88,12 +90,10 @@ def _score(
     return values, judged, min_mask_patches(grid, *grid.resized(*frame.left.shape[:2]))
 
 
-def _patches(records: Sequence[LabelRecord]) -> pd.DataFrame:
-    rows = [
-        (r.mission, r.camera, r.frame, r.row, r.col, str(r.label), block_of(r.mission, r.frame))
-        for r in records
-    ]
-    return pd.DataFrame(rows, columns=PATCH_COLUMNS)
+def _patches(records: Sequence[LabelRecord], single_pictures: Collection[str]) -> pd.DataFrame:
+    rows = [(r.mission, r.camera, r.frame, r.row, r.col, str(r.label), r.mission) for r in records]
+    patches = pd.DataFrame(rows, columns=PATCH_COLUMNS)
+    return patches.assign(group=blocks_of(patches, BLOCK_FRAMES, single_pictures))
 
 
 def _frames(
@@ -178,7 +178,8 @@ def predict_missions(
         keys += [(name, number) for number in numbers]
         what.append(f"mission {mission.name}, frames {format_frames(numbers)}")
         sure, unsure = sure + mine, unsure + len(merged) - len(mine)
-    patches = _patches(sure)
+    single = [name for name, mission in by_name.items() if why_single_pictures(mission)]
+    patches = _patches(sure, single)
     truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
     scored = progress(keys, len(keys), "scoring")
     run = (

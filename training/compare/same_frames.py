@@ -25,7 +25,7 @@ MIN_SHARE = 0.2
 """Of the patches that a listed model held out: so many at least are measured."""
 _KEY = [*PATCH_KEY, "label", "obstacle", "picture"]
 _FIGURES = {"f1": "F1", "average_precision": "AP"}
-_ALONE = "no other model held out the same frames"
+_ALONE = "no other model held out"
 
 
 def figures_of_listed(
@@ -47,15 +47,18 @@ def figures_of_listed(
     tables, why = _tables(registry, versions)
     found = {}
     for group in _groups(tables):
-        figures = _on_same_frames(group) if len(group) > 1 else {}
-        for label, one in figures.items():
+        for label, one in _on_same_frames(group).items():
             said = ", ".join(f"{title} {_shown(one[key])}" for key, title in _FIGURES.items())
             others = [other for other in group if other != label]
-            words = f"{said} on the same {_frames(one)}{_roughly(group)}"
+            words = f"{said} on its own {_frames(one)}, which {_ALONE}"
+            if others:
+                words = f"{said} on the same {_frames(one)}{_roughly(group)}"
             found[label] = {**one, "with": others, "words": words}
     none: dict[str, Any] = {**dict.fromkeys(_FIGURES), "frames": 0, "dives": {}, "with": []}
     return {
-        item.label: found.get(item.label, {**none, "words": f"F1 -: {why.get(item.label, _ALONE)}"})
+        item.label: found.get(
+            item.label, {**none, "words": f"F1 -: {why.get(item.label, 'no patch was held out')}"}
+        )
         for item in versions
     }
 

@@ -14,6 +14,7 @@ from tokt.features.common.errors import ToktError, counted, os_errors_as
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.image_file import SUFFIXES
 from tokt.features.frames.mission import LEFT, Mission, frame_size, open_mission
+from tokt.features.frames.single_pictures import why_single_pictures
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import MODEL, LabelRecord, NoLabelsError
@@ -25,7 +26,6 @@ from tokt.training.options import Notice
 from .dataset import BINARY, PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
 from .frame_rows import SUFFIX as ROWS
 from .mission_list import named_missions
-from tokt.features.frames.single_pictures import why_single_pictures
 from .split import bearable_block, blocks_of
 
 PATCH_GRID = Grid(1, 1, None)
@@ -63,10 +63,10 @@ def labels_of_mission(
         mine = fitting
         remark = f"labels of mission {names[0]!r} are taken for the frames in {mission.path}"
     if not mine:
-        there = ", ".join(names) or "none"
+        there = f"labels are of {', '.join(names)}: if one is meant, give NAME=DIR"
         raise NoLabelsError(
-            f"no labels for mission {mission.name!r} (labels of: {there}). If they call it "
-            "otherwise, give NAME=DIR"
+            f"no labels for mission {mission.name!r} ({there if names else 'none at all'}). tokt "
+            "label makes them, tokt labels import takes those of a file"
         )
     for camera in sorted({record.camera for record in mine}):
         frames = set(mission.frames(camera))
@@ -213,8 +213,8 @@ def plan_from_missions(
         single = {name: why for name, why in single.items() if why}
     for mission, why in single.items():
         remarks.append(
-            f"mission {mission} is taken for single pictures, as {why}: each is held out alone. If "
-            "it is a sequence, give --block 20"
+            f"mission {mission} is taken for single pictures, as {why}: each is a block of its "
+            "own. If it is a sequence, give --block 20"
         )
     if set(sure.mission) <= set(single):
         block_frames = 1

@@ -156,8 +156,9 @@ def frame_figures(
     in, -1 for none, and of each fold a rule. Found are ocean_frames, false_status, obstacle_frames,
     detected (counts); false_status_frames, missed_frames (obstacle frames without the status;
     ``mission:frame``); by mission, first_obstacle_frame and first_detection (the first of three
-    frames in a row with the status, or None); latency_frames (the most that a fold's rule adds);
-    approaches (`approach_figures`, with mission and camera) and false_status_per_hour.
+    frames in a row with the status, or None; not of single pictures); latency_frames (the most that
+    a fold's rule adds); approaches (`approach_figures`, with mission and camera) and
+    false_status_per_hour.
     """
     frames = frame_table(dataset)
     tested = fold >= 0
@@ -175,6 +176,7 @@ def frame_figures(
     keys = frames.keys[["mission", "frame"]].itertuples(index=False, name=None)
     blocks = np.array([block_of(*key) for key in keys], object)
     three = windowed(said[:, None].astype(np.float64), frames.place, 3, 3)[:, 0] == 1
+    followed_by_two = np.append(three[2:], [False, False])[: len(frames)]
     return {
         "ocean_frames": int(ocean.sum()),
         "false_status": int((ocean & said).sum()),
@@ -183,7 +185,11 @@ def frame_figures(
         "detected": int((obstacle & said).sum()),
         "missed_frames": frame_names(frames.keys[obstacle & ~said]),
         "first_obstacle_frame": _first(frames, obstacle),
-        "first_detection": _first(frames, np.append(three[2:], [False, False])[: len(frames)]),
+        "first_detection": {
+            mission: frame
+            for mission, frame in _first(frames, followed_by_two).items()
+            if mission not in dataset.single_pictures
+        },
         "latency_frames": max(rule.latency_frames for rule in rules),
         "approaches": _approaches(frames, ocean, obstacle, said),
         "false_status_per_hour": false_status_per_hour(
@@ -213,7 +219,7 @@ def _approaches(
 
 
 def _first(frames: FrameTable, chosen: Bools) -> dict[str, int | None]:
-    """The first chosen frame of each mission, of whichever camera."""
+    """Return the first chosen frame of each mission, of whichever camera."""
     marked = frames.keys[FRAME_KEY].assign(number=frames.keys.frame.where(chosen))
     first = marked.groupby("mission").number.min()
     return {str(name): None if np.isnan(at) else int(at) for name, at in first.items()}

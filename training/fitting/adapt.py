@@ -530,7 +530,7 @@ def _words(told: dict[str, Any]) -> list[str]:
         words = [
             f"Gained on {name}: {f1}false patches {false}, missed {missed}, in "
             f"{counted(len(gained['frames']), 'frame')}, each judged by a model that learnt of the "
-            "others."
+            f"others.{_whether_better(gained['change'], told['before'])}"
         ]
     changes = {dive: one for dive, one in lost.items() if one["change"] is not None}
     worse = ", ".join(
@@ -543,6 +543,15 @@ def _words(told: dict[str, Any]) -> list[str]:
     words.append(_counts(told))
     words.append(f"More labels: {_more(told['curve'])}.")
     return words
+
+
+def _whether_better(change: float | None, before: str) -> str:
+    """Say which model to prefer on the new dive, where F1 tells."""
+    if change is None:
+        return ""
+    if abs(change) < _SMALL:
+        return f" That is no better than {before}, which may as well stay."
+    return f" That is {'better' if change > 0 else 'WORSE'} than {before} there."
 
 
 def _counts(told: dict[str, Any]) -> str:

@@ -25,7 +25,7 @@ margin, both passes (this)     0.66 | 0.89   0.76 | 0.93   0.58 | 0.98
 doubtful labels of its own, which also rank high and count as misses here.)
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -266,8 +266,8 @@ def _doubted(dataset: DatasetVersion, order: I64, margins: F64, decided: I64) ->
     labels = near.set_index(PATCH_KEY).label.to_dict()
     patches = []
     for row, place in zip(chosen.itertuples(index=False), order.tolist(), strict=True):
-        suggested, margin = names[decided[place]], float(margins[place])
-        said = classes[decided[place]]
+        said, margin = classes[decided[place]], float(margins[place])
+        suggested = _suggested(dataset, _around(labels, row), said) or names[decided[place]]
         reason = f"a model that did not learn it takes it for {said} by {-margin:.2f}"
         patches.append(
             AuditedPatch(
@@ -275,7 +275,7 @@ def _doubted(dataset: DatasetVersion, order: I64, margins: F64, decided: I64) ->
                 str(row.label),
                 suggested,
                 round(margin, 4),
-                reason + _neighbours_words(labels, row, suggested),
+                reason + _neighbours_words(_around(labels, row), suggested),
             )
         )
     return patches
@@ -290,15 +290,28 @@ def _suggestions(dataset: DatasetVersion) -> tuple[str, ...]:
     return tuple(names[side == OBSTACLE] for side in dataset.classes())
 
 
-def _neighbours_words(labels: dict[Any, str], row: Any, suggested: str) -> str:
-    """How many of the patches around a patch have the suggested label."""
+def _suggested(dataset: DatasetVersion, around: Sequence[str], said: str) -> str:
+    """The commonest label around a patch of the side that the model says; empty where none is."""
+    if dataset.task != "binary":
+        return ""
+    obstacle = said == OBSTACLE
+    fitting = [label for label in around if dataset.taxonomy.is_obstacle(label) == obstacle]
+    return max(fitting, key=fitting.count, default="")
+
+
+def _around(labels: dict[Any, str], row: Any) -> list[str]:
+    """The labels of the patches around a patch."""
     cells = (
         (row.mission, row.camera, row.frame, row.row + down, row.col + right)
         for down in (-1, 0, 1)
         for right in (-1, 0, 1)
         if (down, right) != (0, 0)
     )
-    around = [labels[cell] for cell in cells if cell in labels]
+    return [labels[cell] for cell in cells if cell in labels]
+
+
+def _neighbours_words(around: Sequence[str], suggested: str) -> str:
+    """How many of the patches around a patch have the suggested label."""
     if not around:
         return ""
     return f"; {around.count(suggested)} of {len(around)} labelled neighbours are {suggested}"

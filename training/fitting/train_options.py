@@ -29,6 +29,7 @@ from .presets import (
     weighted,
     with_augmentations,
 )
+from .result_words import result_in_words
 from .tracking import held_out_table, log_and_register
 from .train import Trained, TrainRequest, fit_and_measure
 
@@ -104,6 +105,10 @@ class TrainedVersion:
     def bundle(self) -> Bundle:
         """The version as a bundle, with all its checks; raises as `load_model`."""
         return Registry(self.workspace).bundle(self.label)
+
+    def result(self) -> str:
+        """The result in the five lines with which ``tokt train`` ends."""
+        return "\n".join(result_in_words(self.label, self.trained))
 
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``tokt train --json``."""

@@ -79,6 +79,7 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "job": None if blind else session.status()["job"],
             "depths": _depth_bands(session),
             "carries": session.carry is not None,
+            "single_pictures": session.is_of_single_pictures,
             "formats": {name: kind.title for name, kind in FORMATS.items()},
         }
     )

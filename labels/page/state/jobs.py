@@ -18,7 +18,7 @@ RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
 GRACE_S = 5.0
 """How long a command that is cancelled may put away what it began."""
 _NICE = 10
-_LINES, _LONG, _RESULT = 30, 500, 5
+_LINES, _LONG, _RESULT = 30, 2000, 5
 _PROGRESS = re.compile(r"(.+): (\d+)/(\d+)(?:, about .*)?")
 _ERROR = "tokt: error: "
 

@@ -20,6 +20,7 @@ from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, os_words
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
+from tokt.features.frames.single_pictures import why_single_pictures
 from tokt.features.frames.view_mask import CameraMasks, read_masks, write_masks
 from tokt.labels.formats.frame_metadata import FrameMetadata, mission_metadata
 from tokt.labels.formats.images import FrameKey
@@ -94,6 +95,13 @@ class Session:
     def metadata(self) -> dict[FrameKey, FrameMetadata]:
         """What is known of frames: when, where, how deep; raises ToktError."""
         return mission_metadata(self.mission)
+
+    @cached_property
+    def is_of_single_pictures(self) -> bool:
+        """Whether the mission is no sequence, so that no frame says anything of the next."""
+        with suppress(ToktError):  # a picture that cannot be read, which the page tells
+            return bool(why_single_pictures(self.mission))
+        return False
 
     @property
     def grid(self) -> Grid:

@@ -192,7 +192,9 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
         print(f"    {line}")
     print_at_sea(frames, "  ")
     if not missions:
-        print(f"  first of three frames in a row with status 1: {frames['first_detection']}")
+        first = frames["first_detection"]
+        say = f"from frame {first} on" if first is not None else "never"
+        print(f"  status 1 in three frames in a row: {say}")
         return
     rows = [(one["mission"], one) for one in missions]
     rows += [(f"site {name}", one) for name, one in result["sites"].items()]

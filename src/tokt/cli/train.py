@@ -37,7 +37,7 @@ AUTO = "auto"
 SplitOption = Annotated[
     str | None,
     Option(
-        help="Hold out whole dives (in --folds folds if there are more than 10) or blocks of "
+        help="Hold out whole dives (in --folds folds if there are more than 16) or blocks of "
         "frames. Default: dive; block where there is one dive."
     ),
 ]
@@ -282,15 +282,19 @@ def _with_new_dive(
 
 
 def _print_adaptation(label: str, found: dict[str, Any]) -> None:
-    print(f"{label} beside {found['before']}, which did not learn of {found['mission']}:")
+    before, dive = found["before"], found["mission"]
+    print(f"{label} beside {before}, which did not learn of {dive}:")
+    print(f"  (both by the folds and settings of {before}; the figures above are by {label}'s own)")
     for words in found["words"]:
         print(f"  {words}")
+    print(f"  F1 on the frames of {dive} not learnt from, which get fewer row by row:")
     print("  labelled frames   F1: mean  worst  queue   before")
     for one in found["curve"]:
         print(
             f"  {one['labelled']:15}  {figure(one['mean']):>9}  {figure(one['worst']):>5}  "
             f"{figure(one['queue']):>5}   {figure(one['before']):>6}"
         )
+    print(f"  mean, worst: labelled in orders by lot; queue: in that of key q; before: {before}")
 
 
 def _print_training(version: TrainedVersion) -> None:
@@ -353,15 +357,15 @@ def _print_dives(metrics: dict[str, Any]) -> None:
 
 
 def _frames(frames: dict[str, Any]) -> str:
+    words = (
+        f"false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames, "
+        f"{frames['detected']} of {frames['obstacle_frames']} obstacle frames found"
+    )
     first = ", ".join(
-        f"{mission} {'never' if frame is None else frame}"
+        f"{mission} {'never' if frame is None else f'frame {frame}'}"
         for mission, frame in frames["first_detection"].items()
     )
-    return (
-        f"false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames, "
-        f"{frames['detected']} of {frames['obstacle_frames']} obstacle frames found, "
-        f"first of three in a row {first}"
-    )
+    return f"{words}, first three in a row from {first}" if first else words
 
 
 def search(

@@ -69,7 +69,7 @@ def unfit_pairs(left: np.ndarray, right: np.ndarray) -> dict[str, Frame]:
         "right: dark": Frame(1, 0.0, left, np.zeros_like(right)),
         "left: saturated": Frame(1, 0.0, np.full_like(left, 255), right),
         "a.jpg": Frame(1, 0.0, None, right, cut),
-        "not an 8-bit picture": Frame(1, 0.0, left, right[..., None].repeat(4, 2)),
+        "no picture of 8 bits": Frame(1, 0.0, left, right[..., None].repeat(4, 2)),
     }
 
 

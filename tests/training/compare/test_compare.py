@@ -240,7 +240,7 @@ def test_models_of_several_dives_are_held_out_and_compared_by_dive(two_dives, to
     blocks = told(*train, "--extractor", "lbp", "--name", "blocks", *by_block)
     assert "3-fold cross-validation over blocks of" in blocks["cv"]["split"]
     assert "Every dive" not in blocks["cv"]["split"] and len(blocks["cv"]["dives"]) == 2
-    folds = "in other folds: give --mission DIR and --labels CSV"
+    folds = "lbp/1, blocks/1: not cross-validated in the same folds: give --mission DIR"
     refused(folds, "compare", "lbp", "blocks", *where)
 
 

@@ -13,8 +13,8 @@ from tests.fixtures import draw_tiny_frame, write_labels, write_video
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
-from tokt.training.datasets.folds import BLOCK_SIZES, LEAST_FRAMES, MAX_BLOCKS_ALONE, embargo_of
 from tokt.features.frames.single_pictures import why_single_pictures
+from tokt.training.datasets.folds import BLOCK_SIZES, LEAST_FRAMES, MAX_BLOCKS_ALONE, embargo_of
 from tokt.training.datasets.split import Split, bearable_block, blocks_of, too_few_frames
 
 WATER, REEF = "ocean", "reef"
@@ -166,7 +166,7 @@ def test_six_photographs_make_a_model_and_five_are_refused_before_any_work(done,
     said = refused(words, "train", "reef", "--preset", "plain", "--extractor", "lbp", *where)
     assert "features" not in said and not (tmp_path / "ws" / "mlflow.db").exists()
     built = build(range(1, 7))
-    assert "taken for single pictures, as they have 3 sizes: each is held out alone" in built.err
+    assert "single pictures, as they have 3 sizes: each is a block of its own" in built.err
     assert "in 6 frames, each held out alone" in built.out
     made = done("train", "reef", "--preset", "plain", "--extractor", "lbp", *where)
     assert "6-fold cross-validation over 6 single pictures, each held out alone." in made.out

@@ -49,6 +49,24 @@ def test_planted_wrong_labels_come_first_and_no_label_is_changed(planted, told, 
     assert [(r.frame, r.row, r.col) for r in records] == places
 
 
+def test_an_obstacle_is_suggested_by_the_name_that_its_neighbours_have(
+    tiny, done, told, tiny_truth, tmp_path
+):
+    rows = tiny_truth.labels()
+    for row in rows:
+        is_planted = (row[2], row[3], row[4]) in PLANTED
+        if row[2] == 29 and row[5] == "subsea_installation":
+            row[5] = "ocean" if is_planted else "reef"
+    labels = tiny_truth.write_labels(tmp_path / "reef.csv", rows)
+    where = ("--workspace", tmp_path / ".tokt")
+    built = ("--mission", tiny.path, "--labels", labels, "--block", 4)
+    done("dataset", "build", "reef", *built, *where)
+    found = told("labels", "audit", "reef", "--folds", 3, *where)
+    tower = next(p for p in found["patches"] if p["frame"] == 29 and p["label"] == "ocean")
+    assert tower["suggested"] == "reef"
+    assert "labelled neighbours are reef" in tower["reason"]
+
+
 def test_audit_of_a_model_starts_from_its_registered_held_out_values(workspace, told):
     found = told("labels", "audit", "tiny-lbp@challenger", "--workspace", workspace)
     assert found["of"].startswith("model tiny-lbp/1 (tiny@")

@@ -13,7 +13,7 @@ export const mission = {
   classes: [], annotator: "", blind: false, annotators: [], model: null, fault: "", setup: "",
   event: 0, states: {}, given: {}, counts: {}, undo: { undo: null, redo: null }, masked: {},
   described: false,
-  settings: {}, job: null, depths: [], carries: false, formats: {},
+  settings: {}, job: null, depths: [], carries: false, single_pictures: false, formats: {},
 };
 
 const LIGHT = 0.405; // 0.4, and what rounding may take

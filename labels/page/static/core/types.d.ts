@@ -89,6 +89,8 @@ export interface MissionAnswer {
   job: Job | null;
   depths: [number, number][];
   carries: boolean;
+  /** Its frames are no sequence: none says anything of the next. */
+  single_pictures: boolean;
   formats: Record<string, string>;
 }
 

@@ -111,7 +111,7 @@ export function describeInfo(/** @type {FrameInfo} */ said) {
 
 function surety(/** @type {Hint} */ { strong, percent, said }) {
   const kind = kindOf(said ?? "") ? "an obstacle" : "clear";
-  return (strong ? "sure" : "unsure") + (percent === null ? "" : ` (${kind}: ${percent} %)`);
+  return (strong ? "sure" : "not sure") + (percent === null ? "" : ` (${kind}: ${percent} %)`);
 }
 
 /** A patch in words; `hint`: what is proposed for it, or null.

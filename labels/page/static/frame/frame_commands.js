@@ -1,6 +1,7 @@
 // The commands of the view of one frame, by name: keys and buttons run them.
 
-import { setSetting, setting } from "../core/mission.js";
+import { say } from "../core/dom.js";
+import { mission, setSetting, setting } from "../core/mission.js";
 import { ARROWS, cellsOfRow, rowCol } from "../core/patch_grid.js";
 import { paintRest } from "../labelling/painting.js";
 import { passingFrames } from "../labelling/filters.js";
@@ -100,7 +101,8 @@ export const commands = {
   beside: () => toggle("beside"),
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
-  suggestions: () => toggle("suggestions"),
+  suggestions: () =>
+    mission.model ? toggle("suggestions") : say("There is no model yet, whose suggestions to hide."),
   zoomIn: () => look((viewport) => viewport.zoomMiddle(1.25)),
   zoomOut: () => look((viewport) => viewport.zoomMiddle(0.8)),
   fit: () => look((viewport) => viewport.fit()),

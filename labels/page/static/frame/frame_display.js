@@ -112,7 +112,7 @@ export function showStatus() {
   if (!parts.length) parts.push((mission.model && nothing) || page().info || begin || nothing);
   const said = parts.join(", ");
   const hint = cell === null ? null : page().hints[cell];
-  const value = hint?.model ? ` (decision value ${hint.text})` : "";
+  const value = hint?.model ? ` (${hint.text} from the threshold)` : "";
   const words = view.why
     ? [el("span", { class: "why", text: view.why })]
     : [el("span", { text: said, title: said + value })];

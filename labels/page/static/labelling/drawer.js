@@ -24,13 +24,14 @@ export function buildDrawer(/** @type {Child[]} */ ...more) {
   return { root, show };
 }
 
-/** @type {(name: NumberSetting, label: string, min: number, max: number, step: number) => Node} */
-function slider(name, label, min, max, step) {
+/** @type {(name: NumberSetting, label: string, min: number, max: number, step: number, title?: string)
+ * => Node} */
+function slider(name, label, min, max, step, title = "") {
   const input = el("input", {
     type: "range", min, max, step, value: setting(name), "data-setting": name,
   });
   input.addEventListener("input", () => setSetting(name, Number(input.value)));
-  const made = el("label", { class: "slider" },
+  const made = el("label", { class: "slider", title },
     el("span", { text: label }), backAfterMouse(input), el("output"),
   );
   showSlider(made);
@@ -55,7 +56,8 @@ function surePercent() {
 
 const NO_MODEL =
   "No model yet. It would suggest a class for each patch, and you would only mend what is wrong. " +
-  "It learns from six labelled frames or more: water in three of them, obstacles in three.";
+  "It learns from six labelled frames or more: water in three of them, obstacles in three. " +
+  "Or start tokt label with --model waters, which comes with tokt.";
 
 function showModel(/** @type {HTMLElement} */ root, /** @type {string} */ said) {
   const { model } = mission;
@@ -84,7 +86,8 @@ function modelParts() {
       backAfterMouse(shown), " Suggestions of ", el("b", { class: "model-name" }),
     ),
     slider("confidence", "Sure from", 0, 3, 0.05),
-    slider("follow", "Keep from before", 0, 5, 0.25),
+    slider("follow", "Keep from before", 0, 5, 0.25, "What you said in the frame before is kept " +
+      "until the model contradicts it by this decision value; 0 keeps nothing"),
     el("div", { class: "pick" }, el("span", { text: "Obstacle is" }), obstacleButton()),
     el("p", { class: "model-said" }),
   ];

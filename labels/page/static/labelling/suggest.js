@@ -152,7 +152,7 @@ function contradicts({ label, named, value }, { label: y, mine }) {
 
 /** The frames before one that its suggestions depend on, latest first. */
 export function framesFollowed(/** @type {string} */ camera, /** @type {number} */ frame) {
-  if (!mission.model || !setting("follow")) return [];
+  if (!mission.model || mission.single_pictures || !setting("follow")) return [];
   const list = frames(camera);
   const chain = [];
   let at = frameIndex(camera, frame);

@@ -45,7 +45,7 @@ def test_mission(server):
     assert (mission["mission"], mission["annotator"], mission["fault"]) == ("tiny", "anna", "")
     assert mission["grid"] == {"rows": 10, "cols": 10, "width": 360}
     assert mission["cameras"] == {"left": {"ranges": [[1, 40]], "count": 40}}
-    assert mission["given"] == {}
+    assert mission["given"] == {} and mission["single_pictures"] is False
     assert len(mission["states"]["left"]) == 40 and mission["model"] is None
     assert [known["name"] for known in mission["classes"]] == list(COUNTS)
     unsure = {"name": "unsure", "obstacle": None, "color": "#e6e6e6", "key": "u"}

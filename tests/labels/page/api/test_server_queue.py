@@ -23,6 +23,10 @@ def server(page_server, tiny_bundle, tiny, tmp_path_factory):
     return server
 
 
+def test_pictures_of_changing_size_are_no_sequence(server):
+    assert server.get("/api/mission")["single_pictures"] is True
+
+
 def _queue(server, **more):
     return server.get("/api/queue", who="anna", **more)
 

@@ -23,7 +23,7 @@ export async function loaded(change = {}) {
     classes: [WATER, REEF, SAND, UNSURE], annotator: "ann", blind: false, annotators: ["ann"],
     model: null, fault: "", setup: "s", event: 5, states: { left: "ddspusu", right: "du" },
     given: {}, counts: {}, undo: { undo: null, redo: null }, described: false, settings: {},
-    job: null, depths: [[0, 2], [2, 4]], carries: false, formats: {},
+    job: null, depths: [[0, 2], [2, 4]], carries: false, single_pictures: false, formats: {},
     ...change,
   };
   answers({ "/api/mission": answer });

@@ -93,6 +93,9 @@ test("how sure the page says a model is comes from its own measured patches", ()
 test("the chain before a frame ends where numbers jump and where all is labelled", () => {
   assert.deepEqual(framesFollowed("left", 13), [12, 11]); // 11 is done
   assert.deepEqual(framesFollowed("left", 20), []); // 13 is more than 5 away
+  mission.single_pictures = true; // no sequence
+  assert.deepEqual(framesFollowed("left", 13), []);
+  mission.single_pictures = false;
   setSetting("follow", 0);
   assert.deepEqual(framesFollowed("left", 13), []);
 });

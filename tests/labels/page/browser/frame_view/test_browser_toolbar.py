@@ -46,6 +46,11 @@ def test_buttons_that_would_do_nothing_say_why(open_frame, page_server):
         assert refuses(view, name), name
     assert refuses(view, "undo") == "Nothing to undo."
     assert "no model" in refuses(view, "uncertain")
+    view.press("m")
+    view.shows("#toast", "There is no model yet")
+    assert view.page.evaluate(
+        "() => import('/static/core/mission.js').then(({ setting }) => setting('suggestions'))"
+    )
     assert refuses(view, "rest") is None and refuses(view, "next") is None
     view.label("3", 44)
     view.press("o")
