@@ -240,7 +240,7 @@ def test_a_picture_of_no_camera_s_shape_is_not_measured(shape):
 
 def test_what_is_no_picture_of_8_bits_cannot_be_judged():
     for shape, kind in (((200, 300), "u2"), ((0, 300), "u1"), ((200, 300, 4), "u1")):
-        assert "8-bit" in shape_fault(np.zeros(shape, kind))
+        assert "8 bits" in shape_fault(np.zeros(shape, kind))
 
 
 def test_training_frames_without_fine_detail_make_a_model_blind():
