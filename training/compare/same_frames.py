@@ -25,6 +25,7 @@ MIN_SHARE = 0.2
 """Of the patches that a listed model held out: so many at least are measured."""
 _KEY = [*PATCH_KEY, "label", "obstacle", "picture"]
 _FIGURES = {"f1": "F1", "average_precision": "AP"}
+_NO_F1 = "F1 -: "
 _ALONE = "no other model held out"
 
 
@@ -48,16 +49,15 @@ def figures_of_listed(
     found = {}
     for group in _groups(tables):
         for label, one in _on_same_frames(group).items():
-            said = ", ".join(f"{title} {_shown(one[key])}" for key, title in _FIGURES.items())
             others = [other for other in group if other != label]
-            words = f"{said} on its own {_frames(one)}, which {_ALONE}"
+            words = f"{_scores(one)} on its own {_frames(one)}, which {_ALONE}"
             if others:
-                words = f"{said} on the same {_frames(one)}{_roughly(group)}"
+                words = f"{_scores(one)} on the same {_frames(one)}{_roughly(group)}"
             found[label] = {**one, "with": others, "words": words}
     none: dict[str, Any] = {**dict.fromkeys(_FIGURES), "frames": 0, "dives": {}, "with": []}
     return {
         item.label: found.get(
-            item.label, {**none, "words": f"F1 -: {why.get(item.label, 'no patch was held out')}"}
+            item.label, {**none, "words": _NO_F1 + why.get(item.label, "no patch was held out")}
         )
         for item in versions
     }
@@ -81,33 +81,32 @@ def beside_champions(
         A row a champion: model, figures (`model` and `candidate`; None where no frame is in both)
         and words (a list of lines).
     """
-    champions = [
-        one for one in registry.versions() if alias in one.aliases and one.name != candidate.name
+    return [
+        _beside(registry, candidate, one, alias)
+        for one in registry.versions()
+        if alias in one.aliases and one.name != candidate.name
     ]
-    tables, why = _tables(registry, [candidate, *champions] if champions else [])
-    return [_beside(candidate, other, alias, tables, why) for other in champions]
 
 
 def _beside(
-    candidate: RegisteredVersion,
-    other: RegisteredVersion,
-    alias: str,
-    tables: Mapping[str, pd.DataFrame],
-    why: Mapping[str, str],
+    registry: Registry, candidate: RegisteredVersion, other: RegisteredVersion, alias: str
 ) -> dict[str, Any]:
     said = f"{other.label} is the {alias} of {other.name}"
-    fault = why.get(candidate.label) or why.get(other.label)
-    pair = {} if fault else {one.label: tables[one.label] for one in (candidate, other)}
-    figures = _on_same_frames(pair) if pair else {}
-    if not figures:
-        lines = [f"{said}; not compared: {fault or 'no frame was held out by both'}"]
+    both = figures_of_listed(registry, [candidate, other])
+    one, this = both[other.label], both[candidate.label]
+    if not one["with"]:
+        faults = [each["words"].removeprefix(_NO_F1) for each in (this, one) if not each["frames"]]
+        lines = [
+            f"{said}; not compared: {(faults or ['they held out too few of the same frames'])[0]}"
+        ]
         return {"model": other.label, "figures": None, "words": lines}
-    one, this = figures[other.label], figures[candidate.label]
-    lines = [f"{said}; on the same {_frames(one, 'held-out ')}: {_both(one, this)}"]
+    lines = [f"{said}: {one['words']}; this one {_scores(this)}"]
     if len(one["dives"]) > 1:
         dives = zip(one["dives"].items(), this["dives"].values(), strict=True)
-        lines += [f"  {x}: {_both(was, now)} on {was['frames']} frames" for (x, was), now in dives]
-    lines += [f"  {words.strip(' ()')}" for words in [_roughly(pair)] if words]
+        lines += [
+            f"  {dive}: {_scores(was)}; this one {_scores(now)} on {was['frames']} frames"
+            for (dive, was), now in dives
+        ]
     return {"model": other.label, "figures": {"model": one, "candidate": this}, "words": lines}
 
 
@@ -182,10 +181,10 @@ def _figures(table: pd.DataFrame) -> dict[str, Any]:
     return {**{key: means[key] for key in _FIGURES}, "frames": int(frames.sum()), "dives": dives}
 
 
-def _frames(one: Mapping[str, Any], kind: str = "") -> str:
+def _frames(one: Mapping[str, Any]) -> str:
     names = list(one["dives"])
     of = f" of {names[0]}" if len(names) == 1 else f", mean of {len(names)} dives"
-    return f"{one['frames']} {kind}frames{of}"
+    return f"{one['frames']} frames{of}"
 
 
 def _roughly(tables: Mapping[str, pd.DataFrame]) -> str:
@@ -196,8 +195,8 @@ def _roughly(tables: Mapping[str, pd.DataFrame]) -> str:
     return "" if alike else " (roughly: they were cross-validated in other parts)"
 
 
-def _both(one: Mapping[str, Any], this: Mapping[str, Any]) -> str:
-    return f"F1 {_shown(one['f1'])}, this one {_shown(this['f1'])}"
+def _scores(one: Mapping[str, Any]) -> str:
+    return ", ".join(f"{title} {_shown(one[key])}" for key, title in _FIGURES.items())
 
 
 def _shown(value: float | None) -> str:

@@ -56,8 +56,9 @@ def test_a_promotion_is_told_beside_champions_of_other_names(named):
     assert first.code == 0 and "is the champion" not in first.out
     ran = named.run("models", "promote", THESIS)
     assert ran.code == 0 and f"{THESIS} is now rough@champion" in ran.out
-    said = rf"{LBP} is the champion of tiny-lbp; on the same 39 held-out frames of tiny: "
-    assert re.search(rf"{said}F1 {FIGURE}, this one {FIGURE}\n", ran.out)
+    scores = rf"F1 {FIGURE}, AP {FIGURE}"
+    said = rf"{LBP} is the champion of tiny-lbp: {scores} on the same 39 frames of tiny; "
+    assert re.search(rf"{said}this one {scores}\n", ran.out)
     assert "none of these was deployed from this registry" in ran.out
     # Asked anew, by another alias: each is held against the same alias of others.
     found = json.loads(named.run("models", "promote", LBP, "--to", "trial", "--json").out)
@@ -117,8 +118,9 @@ def test_several_dives_are_told_one_by_one(named, monkeypatch):
     monkeypatch.setattr(Registry, "held_out", halved)
     named.run("models", "alias", LBP, "champion")
     ran = named.run("models", "promote", THESIS)
-    assert "on the same 39 held-out frames, mean of 2 dives: F1" in ran.out
-    each = re.findall(rf"^    (\w): F1 {FIGURE}, this one {FIGURE} on (\d+) frames$", ran.out, re.M)
+    assert "on the same 39 frames, mean of 2 dives; this one F1" in ran.out
+    scores = rf"F1 {FIGURE}, AP {FIGURE}"
+    each = re.findall(rf"^    (\w): {scores}; this one {scores} on (\d+) frames$", ran.out, re.M)
     assert each == [("a", "18"), ("b", "21")]
 
 
