@@ -261,6 +261,19 @@ def frame_size(
     raise ToktError(f"mission {mission.path}: no {camera} frame can be read{why}")
 
 
+def chosen_frames(mission: Mission, asked: Iterable[int] | None, *cameras: str) -> list[int]:
+    """Return the frames that some cameras have, sorted, or those asked for.
+
+    Raises ToktError if there is not each of these: it lists what there is.
+    """
+    there = {number for camera in cameras for number in mission.frames(camera)}
+    wanted = there if asked is None else set(asked)
+    if missing := wanted - there:
+        has, lacks = format_frames(there), format_frames(missing)
+        raise ToktError(f"mission {mission.name} has frames {has}, not {lacks}")
+    return sorted(wanted)
+
+
 def parse_frames(text: str) -> list[int]:
     """The numbers of ``"1-99,132-246"``, sorted, unique; ToktError if a part is no rising range."""
     frames: set[int] = set()

@@ -7,7 +7,7 @@ from pathlib import Path
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.camera_frame import MOSAIC_FORMATS, frame_from_camera
-from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames, open_mission
+from tokt.features.frames.mission import LEFT, RIGHT, Mission, chosen_frames, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
@@ -45,8 +45,10 @@ class MissionSource:
             raise ToktError(f"image files hold no {words}")
         if self.rate is not None and not 0 < self.rate < float("inf"):
             raise ToktError(f"a rate is a positive number of frames per second, not {self.rate}")
-        self.numbers = _chosen(self.mission, self.frames)
-        self._missed = missed_before(self.numbers, frame_step(_present(self.mission)))
+        cameras = self.mission.cameras
+        self.numbers = chosen_frames(self.mission, self.frames, *cameras)
+        step = frame_step(chosen_frames(self.mission, None, *cameras))
+        self._missed = missed_before(self.numbers, step)
         self._stopped = False
 
     def __iter__(self) -> Iterator[Frame]:
@@ -103,23 +105,6 @@ def read_picture(
         return frame_from_camera(image, height, width, pixel_format), NO_FAULT
     except ValueError as error:
         return None, Fault(Reason.UNREADABLE, str(error))
-
-
-def _present(mission: Mission) -> set[int]:
-    """Every number that one of the cameras has."""
-    return {number for camera in mission.cameras for number in mission.frames(camera)}
-
-
-def _chosen(mission: Mission, frames: Sequence[int] | None) -> list[int]:
-    """The frames to deliver: those asked for, all of which the mission must have."""
-    present = _present(mission)
-    if frames is None:
-        return sorted(present)
-    missing = set(frames) - present
-    if missing:
-        has, lacks = format_frames(present), format_frames(missing)
-        raise ToktError(f"mission {mission.name} has frames {has}, not {lacks}")
-    return sorted(set(frames))
 
 
 def open_source(

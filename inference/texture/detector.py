@@ -180,6 +180,7 @@ class TextureDetector:
         found = self._believed(found, sight, features, clear)
         # Of a model without sight the run says it once, so that older logs are judged as they were.
         blind = blindness(self.scorer.sight, height, width) if self.scorer.sight else ""
+        blind = blind and f"a blurred view may look like open water: {blind}"
         note = "; ".join(filter(None, (found.note, blind)))
         return replace(found, note=note, features=features, boundary=boundary, sight=sight)
 

@@ -227,6 +227,19 @@ class Bundle(BundleContent):
         faults = [blindness(self.sight, *size) for size in self.frame_sizes]
         return faults[0] if all(faults) else ""
 
+    @property
+    def partly_blind(self) -> str:
+        """In frames of which sizes a blurred view may look like open water; empty if in none, or
+        in all of them, which `blindness` says.
+        """
+        blind = [f"{w}x{h}" for h, w in self.frame_sizes if blindness(self.sight, h, w)]
+        if not blind or self.blindness:
+            return ""
+        return (
+            f"in frames of {', '.join(blind)} a blurred view may look like open water to model "
+            f"{self.label}: its training frames of that size are as smooth. Health says it there"
+        )
+
     def check_sight(self, accept_blind: bool) -> None:
         """Raise ToktError if it may call clear what shows nothing, unless that is accepted."""
         if self.blindness and not accept_blind:

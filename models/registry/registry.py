@@ -169,6 +169,10 @@ def _create_database(path: Path) -> None:
     with atomic.scratch_folder(path) as folder:
         fresh = folder / path.name
         atomic.write_bytes(fresh, _empty_database())
+        # Of MLflow's own experiment, in which a user's runs without a name are.
+        artifacts = (path.parent / _ARTIFACTS / "0").as_uri()
+        with closing(sqlite3.connect(fresh)) as database, database:
+            database.execute("UPDATE experiments SET artifact_location = ?", [artifacts])
         if not path.exists():
             atomic.rename(fresh, path)
 

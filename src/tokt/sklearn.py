@@ -164,8 +164,9 @@ def load_dataset(
     cell = (patches.row * dataset.grid.cols + patches.col).to_numpy(np.int64)
     groups = patches.assign(site=[dataset.sites.get(name, "") for name in patches.mission])
     groups["block_frames"] = dataset.block_frames or 0
-    single = groups.mission.isin(dataset.single_pictures) | (dataset.block_frames is None)
-    groups["frame"] = groups.frame.mask(single)  # numbers only count files: none is near another
+    groups["single_picture"] = groups.mission.isin(dataset.single_pictures)
+    if dataset.block_frames is None:
+        groups["frame"] = np.nan  # numbers only count files: none is near another
     data = Patches(dataset.read_frame, dataset.grid, frame, cell, groups)
     whole = Bunch(data=data, target=target, target_names=names, groups=groups, label=dataset.label)
     return (data, target) if return_X_y else whole
@@ -369,8 +370,11 @@ class DiveSplit(BaseCrossValidator):  # type: ignore[misc]
         block = int(groups.block_frames.max()) if "block_frames" in groups else BLOCK_FRAMES
         embargo = embargo_of(block) if self.embargo_frames is None else self.embargo_frames
         folds = FOLDS if self.n_splits is None else self.n_splits
+        single = groups.mission[groups.single_picture] if "single_picture" in groups else []
         try:
-            split = Split(folds, embargo, by, sites=sites)
+            split = Split(
+                folds, embargo, by, sites=sites, single_pictures=tuple(dict.fromkeys(single))
+            )
         except (TypeError, ValueError):
             words = "n_splits from 2, embargo_frames from 0, by 'dive' or 'block'"
             raise SampleError(f"DiveSplit takes {words}") from None

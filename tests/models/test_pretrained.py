@@ -1,6 +1,7 @@
 """The model that comes with tokt: whole, within its bounds, without a picture of anybody's."""
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -50,6 +51,10 @@ def test_it_is_whole_and_may_guard(waters):
     assert load_model("waters/1").sha256 == waters.sha256
     assert is_registered_name("waters/2") and is_registered_name("waters.basin")
     assert not waters.deployment_fault and not waters.blindness and not waters.silence
+    smooth = replace(waters.sight[0], height=90, width=120, blurred=0.0)
+    sizes = ((90, 120), *waters.frame_sizes)
+    partly = replace(waters, sight=(*waters.sight, smooth), frame_sizes=sizes)
+    assert not partly.blindness and "in frames of 120x90, 1280x720, " in partly.partly_blind
     assert waters.masks == () and not waters.needs_colour and waters.operating_point.water
     assert len(waters.sight) > 5 and len(waters.frame_sizes) > 5
 

@@ -9,7 +9,7 @@ import pandas as pd
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import pixel_sha256
-from tokt.features.frames.mission import LEFT, Mission, format_frames
+from tokt.features.frames.mission import LEFT, Mission, chosen_frames, format_frames
 from tokt.features.frames.single_pictures import why_single_pictures
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
@@ -161,14 +161,14 @@ def predict_missions(
     labelled = {one.name: one for one in missions}
     by_name = {name: labelled[name].mission for name in sorted(labelled)}
     for name, mission in by_name.items():
-        numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
+        numbers = chosen_frames(mission, frames, LEFT)
         wanted = set(numbers)
         used = (r for r in labelled[name].records if r.camera == LEFT and r.frame in wanted)
         merged = merge_annotators(used).records
         mine = [record for record in merged if record.label != UNSURE]
         if not mine:
             raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
-        check_unseen(bundles, mission, numbers, progress)
+        check_unseen(bundles, mission, sorted({record.frame for record in mine}), progress)
         in_view = labelled[name].patches_in_view(bundles[0].grid)
         table = _frames(name, numbers, merged, taxonomy, in_view)
         ranges[name] = known_distances(mission, labelled_approaches(table), stated, progress)

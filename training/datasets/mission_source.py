@@ -65,8 +65,8 @@ def labels_of_mission(
     if not mine:
         there = f"labels are of {', '.join(names)}: if one is meant, give NAME=DIR"
         raise NoLabelsError(
-            f"no labels for mission {mission.name!r} ({there if names else 'none at all'}). tokt "
-            "label makes them, tokt labels import takes those of a file"
+            f"no labels for mission {mission.name!r} ({there if names else 'none at all'}): "
+            "label some, or import a file (tokt labels import)"
         )
     for camera in sorted({record.camera for record in mine}):
         frames = set(mission.frames(camera))

@@ -11,7 +11,8 @@ import numpy as np
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.frames.image_file import decode_image, pixel_sha256
-from tokt.features.frames.mission import LEFT, Mission
+from tokt.features.frames.mission import LEFT, Mission, chosen_frames
+from tokt.features.frames.single_pictures import why_single_pictures
 from tokt.features.frames.view_mask import Box, boxes_of
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
@@ -73,7 +74,7 @@ def score_mission(
 
     Raises ToktError if a frame cannot be read, or its patches cannot be described.
     """
-    numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
+    numbers = chosen_frames(mission, frames, LEFT)
     missed = missed_before(numbers, frame_step(mission.frames(LEFT)))
     known = set(bundle.content.trained_on.tolist())
     policy = SinglePolicy(TextureDetector(bundle))
@@ -281,6 +282,9 @@ def _part(
     spans = approaches(scored.frames, set(ocean), set(obstacle))
     ranges = known_distances(one.mission, spans, stated, progress)
     series = scored.frames, scored.missed, scored.status
+    if single := bool(why_single_pictures(one.mission)):
+        figures["first_detection"] = None
+    figures["single_pictures"] = single
     figures["approaches"] = approach_figures(*series, spans, ranges, stated.stopping_m)
     values = scored.values[frame, cell]
     obstacle_labels = np.array([taxonomy.is_obstacle(str(record.label)) for record in sure], bool)
@@ -292,7 +296,7 @@ def _part(
         [str(record.label) for record in sure],
         figures,
         len(merged.records) - len(sure),
-        len(scored.seen_in_training),
+        len({*scored.seen_in_training} & {record.frame for record in sure}),
         mission_in_training(bundle, one.records),
         _always_alarming(bundle, score, obstacle_labels, cell),
     )

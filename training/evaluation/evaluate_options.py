@@ -141,10 +141,12 @@ def _learnt_from(figures: dict[str, Any], what: str) -> list[str]:
     dives = figures.get("missions", [])
     if figures["seen_in_training"]:
         names = ", ".join(one["mission"] for one in dives if one["seen_in_training"])
-        return [
+        line = (
             f"WARNING: the model learnt from {figures['seen_in_training']} of these {what}"
             f"{f' ({names})' if names else ''}: these are training figures, not a test"
-        ]
+        )
+        choose = ". tokt models show says which; --frames chooses others"
+        return [line + choose if what == "frames" else line]
     if figures.get("mission_in_training"):
         names = ", ".join(one["mission"] for one in dives if one["mission_in_training"])
         return [

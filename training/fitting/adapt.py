@@ -530,7 +530,7 @@ def _words(told: dict[str, Any]) -> list[str]:
         words = [
             f"Gained on {name}: {f1}false patches {false}, missed {missed}, in "
             f"{counted(len(gained['frames']), 'frame')}, each judged by a model that learnt of the "
-            f"others.{_whether_better(gained['change'], told['before'])}"
+            f"others.{_whether_better(gained, told['before'])}"
         ]
     changes = {dive: one for dive, one in lost.items() if one["change"] is not None}
     worse = ", ".join(
@@ -545,13 +545,19 @@ def _words(told: dict[str, Any]) -> list[str]:
     return words
 
 
-def _whether_better(change: float | None, before: str) -> str:
+def is_as_good(gained: Mapping[str, Any] | None) -> bool:
+    """Tell whether the model before is as good on the new dive, or better."""
+    return bool(gained and gained["change"] is not None and gained["change"] < _SMALL)
+
+
+def _whether_better(gained: Mapping[str, Any], before: str) -> str:
     """Say which model to prefer on the new dive, where F1 tells."""
-    if change is None:
+    if gained["change"] is None:
         return ""
-    if abs(change) < _SMALL:
-        return f" That is no better than {before}, which may as well stay."
-    return f" That is {'better' if change > 0 else 'WORSE'} than {before} there."
+    if is_as_good(gained):
+        worse = "WORSE" if gained["change"] <= -_SMALL else "no better"
+        return f" That is {worse} than {before}, which may as well stay."
+    return f" That is better than {before} there."
 
 
 def _counts(told: dict[str, Any]) -> str:
@@ -579,8 +585,9 @@ def _more(curve: list[dict[str, Any]]) -> str:
         return "too few frames are labelled, or orders drawn, to tell what they would bring"
     mean, better = float(np.mean(steps)), float(np.mean(np.array(steps) > 0))
     seen = (
-        f"from {half['labelled']} to {last['labelled']} labelled frames F1 on the others changed "
-        f"by {mean:+.3f} ({min(steps):+.3f} to {max(steps):+.3f} in {len(steps)} drawn orders)"
+        f"from {half['labelled']} to {last['labelled']} labelled frames the gain in F1 on the "
+        f"others changed by {mean:+.3f} ({min(steps):+.3f} to {max(steps):+.3f} in {len(steps)} "
+        "drawn orders)"
     )
     if mean >= _SMALL and better >= _MOST:
         return f"they would probably help, the next as much at most: {seen}"

@@ -13,10 +13,11 @@ FEW_FRAMES = 20
 """Labelled frames below which figures are called rough; a word of caution, nothing hangs on it."""
 
 
-def result_in_words(label: str, trained: Trained, gained: str = "") -> list[str]:
+def result_in_words(label: str, trained: Trained, gained: str = "", as_good: str = "") -> list[str]:
     """Return what a training came to, in five lines for people who do not know the figures.
 
-    `gained` says how good a model is that was adapted to a new dive.
+    `gained` says how good a model is that was adapted to a new dive, `as_good` the model that it
+    was adapted from where that is as good there.
     """
     dataset, metrics = trained.request.dataset, trained.metrics
     missions = sorted(dataset.patches.mission.unique())
@@ -27,7 +28,7 @@ def result_in_words(label: str, trained: Trained, gained: str = "") -> list[str]
         f"How good: {gained or _how_good(metrics, trained)}",
         f"At sea: {at_sea_in_words(metrics.get('frames'))}",
         f"Not known: {_not_known(trained, dataset)}",
-        f"Next: {_next(label)}",
+        f"Next: {_next(label, as_good)}",
     ]
 
 
@@ -70,12 +71,15 @@ def _not_known(trained: Trained, dataset: DatasetVersion) -> str:
     scores = [fold["f1"] for fold in trained.metrics["folds"] if fold["f1"] is not None]
     if dataset.block_frames and frames < FEW_FRAMES and len(scores) > 1:
         words += f". With so few frames F1 varies: {min(scores):.2f} to {max(scores):.2f} by fold"
+    blind = [f"{one.width}x{one.height}" for one in dataset.sight if one.blind]
+    if blind:
+        words += f". In frames of {', '.join(blind)} a blurred view may look like open water to it"
     return f"{words}."
 
 
-def _next(label: str) -> str:
+def _next(label: str, as_good: str) -> str:
     """What to type."""
-    return (
+    return (f"stay with {as_good}, label more, or " if as_good else "") + (
         f"test it on another dive: tokt evaluate {label} --mission DIR --labels FILE. Use it: tokt "
         f'deploy {label} STORE --reason "WHY", then tokt run --store STORE --source DIR.'
     )

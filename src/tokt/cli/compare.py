@@ -193,6 +193,8 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     print_at_sea(frames, "  ")
     if not missions:
         first = frames["first_detection"]
+        if frames["single_pictures"]:
+            return
         say = f"from frame {first} on" if first is not None else "never"
         print(f"  status 1 in three frames in a row: {say}")
         return

@@ -382,6 +382,8 @@ def deploy(
         target.check_file(Path(model))
     bundle = shipped(model, workspace, taxonomy, sign, registered_by)
     bundle.check_sight(accept_blind)
+    if bundle.partly_blind:
+        say(f"WARNING: {bundle.partly_blind}")
     registered = is_registered_name(model)  # before a store of that name is there
     entry = target.deploy(bundle, reason, notice=say)
     if registered:

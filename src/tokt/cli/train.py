@@ -185,7 +185,7 @@ def adapt(
     from tokt.models.registry.load import is_registered_name
     from tokt.models.registry.registry import Registry, check_model_name
     from tokt.models.signing.passphrase import signing_key
-    from tokt.training.fitting.adapt import adaptation, with_rate
+    from tokt.training.fitting.adapt import adaptation, is_as_good, with_rate
     from tokt.training.fitting.tracking import adaptation_page, log_adaptation, log_and_register
     from tokt.training.fitting.train import fit_and_measure
     from tokt.training.fitting.train_options import TrainedVersion, compared_with
@@ -224,7 +224,8 @@ def adapt(
     def show() -> None:
         _print_training(version)
         _print_adaptation(version.label, told)
-        _print_result(version, told["words"][0])
+        as_good = known.bundle.label if is_as_good(told["gained"]) else ""
+        _print_result(version, told["words"][0], as_good)
 
     answer(json, result, show)
 
@@ -331,12 +332,12 @@ def _print_training(version: TrainedVersion) -> None:
     print(f"  how this was measured: {metrics['split']}")
 
 
-def _print_result(version: TrainedVersion, gained: str = "") -> None:
+def _print_result(version: TrainedVersion, gained: str = "", as_good: str = "") -> None:
     """Print what a training came to, last, where people look."""
     from tokt.training.fitting.result_words import result_in_words
 
     print()
-    for line in result_in_words(version.label, version.trained, gained):
+    for line in result_in_words(version.label, version.trained, gained, as_good):
         print(line)
 
 

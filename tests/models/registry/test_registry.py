@@ -18,6 +18,8 @@ def test_a_new_registry_is_empty_and_whole(tmp_path):
     registry = Registry(tmp_path / "fresh" / ".tokt", create=True)
     assert registry.versions() == []
     refuses("there are: none yet", registry.find, "anything")
+    own = registry.client.get_experiment_by_name("Default").artifact_location
+    assert own == (tmp_path / "fresh/.tokt/mlartifacts/0").as_uri()
 
 
 def test_what_a_run_holds(trained):

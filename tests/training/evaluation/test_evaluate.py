@@ -194,6 +194,22 @@ def test_frames_learnt_from_are_warned_of(evaluate, tiny_bundle, own_tiny, tiny_
     assert "WARNING" not in err
 
 
+def test_a_frame_without_labels_is_no_training_figure(
+    evaluate, refused, tiny_bundle, own_tiny, tiny_truth, tmp_path
+):
+    for number in (3, 30):
+        noisy = tiny_truth.draw(number) + np.uint8(1)
+        cv2.imwrite(str(own_tiny.path / "Left" / f"tiny_L_{number}.png"), noisy)
+    rows = [row for row in tiny_truth.labels() if row[2] in (3, 30)]
+    labels = tiny_truth.write_labels(tmp_path / "new.csv", rows)
+    result, err = evaluate(tiny_bundle, mission=own_tiny.path, labels=labels)
+    assert result["seen_in_training"] == 0 and "WARNING" not in err
+    assert result["patch"]["n"] == sum(row[-1] != "unsure" for row in rows)
+    options = ("--mission", own_tiny.path, "--labels", labels)
+    said = refused("not 41-43", "evaluate", tiny_bundle, *options, "--frames", "30-43")
+    assert "mission tiny has frames 1-40" in said
+
+
 def test_partly_labelled_and_unsure_frames_are_not_judged(
     evaluate, tiny_bundle, tiny_truth, tmp_path
 ):

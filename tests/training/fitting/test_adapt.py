@@ -330,8 +330,8 @@ def test_what_cannot_be_adapted_is_refused_in_one_line(three, adapted, tiny, tmp
     refused(first, "adapt", "tower", "--mission", path, *where)
     other = write_labels(tmp_path / "o.csv", [["other", "left", 1, 0, 0, "ocean"]])
     elsewhere = ("--mission", path, "--labels", tiny.labels, "--labels", other, *where)
-    named = "(labels are of other, tiny: if one is meant, give NAME=DIR). tokt label makes them"
-    refused(f"{named}; {first}", "adapt", "tower", *elsewhere)
+    named = "(labels are of other, tiny: if one is meant, give NAME=DIR): label some, or import a"
+    refused(f"{named} file (tokt labels import); {first}", "adapt", "tower", *elsewhere)
     unsure = write_labels(tmp_path / "u.csv", [["night", "left", 1, 0, 0, "unsure"]])
     refused("no patch of mission 'night' has a sure label; label six",
             "adapt", "tower", "--mission", path, "--labels", unsure, *where)  # fmt: skip

@@ -9,7 +9,7 @@ import { cellName } from "../core/patch_grid.js";
 import { filterChoices, filterName, filterSelect, passingFrames } from "../labelling/filters.js";
 import { STATES } from "../labelling/frame_states.js";
 import { unseenOf, unseenWords } from "../labelling/sight.js";
-import { kindOf } from "../labelling/suggest.js";
+import { asksObstacleClass, kindOf } from "../labelling/suggest.js";
 import { isUnsaved, shownMask } from "./mask_draft.js";
 /** @import { Commands, FrameInfo, Hint, KeyFor, ShownLabels } from "../types.js" */
 
@@ -114,6 +114,10 @@ function surety(/** @type {Hint} */ { strong, percent, said }) {
   return (strong ? "sure" : "not sure") + (percent === null ? "" : ` (${kind}: ${percent} %)`);
 }
 
+function suggestedWords(/** @type {string} */ label) {
+  return kindOf(label) && asksObstacleClass() ? "an obstacle" : label;
+}
+
 /** A patch in words; `hint`: what is proposed for it, or null.
  * @param {number} cell @param {ShownLabels} labels @param {?Hint | undefined} hint
  */
@@ -130,7 +134,7 @@ export function describeCell(cell, labels, hint) {
   if (hint) {
     if (hint.text === "copy") words.push(`${hint.label}, copied`);
     else if (hint.kept) words.push(`${hint.label} kept from the frame before`);
-    else words.push(`model suggests ${hint.label}, ${surety(hint)}`);
+    else words.push(`model suggests ${suggestedWords(hint.label)}, ${surety(hint)}`);
     if (hint.against) words.push(`the model says ${hint.said}`);
   }
   const others = Object.entries(labels.others);

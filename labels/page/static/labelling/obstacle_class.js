@@ -2,7 +2,7 @@
 
 import { onFailure, post } from "../core/api.js";
 import { classTag, complain } from "../core/controls.js";
-import { backAfterMouse, button, dialogById, el } from "../core/dom.js";
+import { backAfterMouse, button, dialogById, el, say } from "../core/dom.js";
 import { mission } from "../core/mission.js";
 import { asksObstacleClass, chosenObstacles, obstacleClass, obstacleClasses } from "./suggest.js";
 
@@ -46,6 +46,7 @@ function ask() {
   const done = button("These", () => {
     setObstacleClasses(chosen());
     close(false);
+    say("Nothing is accepted yet: press Enter again.");
   }, { class: "main" });
   function check() {
     done.disabled = !chosen().length;
