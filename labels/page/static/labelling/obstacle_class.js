@@ -10,7 +10,7 @@ let isPutOff = false; // until somebody answers, or the page is loaded again
 
 /** For a model that only knows "obstacle": which classes that is in these frames. */
 export function obstacleButton() {
-  return backAfterMouse(button("", ask, { class: "obstacles", "aria-haspopup": "dialog" }));
+  return backAfterMouse(button("", () => ask(), { class: "obstacles", "aria-haspopup": "dialog" }));
 }
 
 /** What is written on it. */
@@ -27,11 +27,11 @@ export function putOffWords() {
 /** Ask which of several classes are obstacles, if nobody said so; whether it is asked now. */
 export function askObstacleClass() {
   if (!asksObstacleClass() || isPutOff) return false;
-  if (!dialogById("question").open) ask();
+  if (!dialogById("question").open) ask("Nothing is accepted yet: press Enter again.");
   return true;
 }
 
-function ask() {
+function ask(then = "") {
   const dialog = dialogById("question");
   const learnt = mission.model?.learnt ?? {};
   const before = chosenObstacles();
@@ -46,7 +46,7 @@ function ask() {
   const done = button("These", () => {
     setObstacleClasses(chosen());
     close(false);
-    say("Nothing is accepted yet: press Enter again.");
+    if (then) say(then);
   }, { class: "main" });
   function check() {
     done.disabled = !chosen().length;

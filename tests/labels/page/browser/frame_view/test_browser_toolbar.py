@@ -98,6 +98,7 @@ def test_which_obstacles_they_are_is_asked_once_where_several_were_learnt(
     view.shows("#toast", "You put off which obstacles these are")
     view.press("S")
     view.page.locator(".obstacles").click()
+    assert question.locator(":checked").count() == 0
     for name in ("reef", "sand"):
         question.locator("label", has_text=name).click()
     question.get_by_role("button", name="These").click()
