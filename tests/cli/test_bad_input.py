@@ -233,7 +233,7 @@ CASES = {
     "taxonomy missing": (nothing, f"{BUILD} --taxonomy x.toml", "taxonomy x.toml: No such"),
     "unknown option": (nothing, f"{BUILD} --colour red", "No such option.*--colour"),
     "unknown command": (nothing, "sail", "No such command 'sail'"),
-    "evaluate other frames": (nothing, f"{EVALUATE} --frames 900", "mission tiny has frames 1-40, not 900"),
+    "evaluate other frames": (nothing, f"{EVALUATE} --frames 900", "has frames 1-40, not 900"),
 }
 
 # Lines that may stand before the error: progress of work that had begun.
