@@ -56,17 +56,16 @@ def at_least(options: object, **bounds: int) -> None:
 
 
 def paths(given: OneOrMore) -> list[Path]:
-    """The paths, however they were given."""
-    return [Path(text) for text in texts(given)]
-
-
-def texts(given: OneOrMore) -> list[str]:
-    """The texts, however they were given: one, several or none."""
-    several = [given] if isinstance(given, str | Path) else given or ()
-    for one in several:
+    """The paths, however they were given; ToktError where one is something else."""
+    for one in () if isinstance(given, str | Path) else given or ():
         if not isinstance(one, str | Path):
             raise ToktError(
                 f"a path is text or a Path, not {type(one).__name__}. Labels go into a file first: "
                 'labels.write("labels.csv")'
             )
-    return [str(one) for one in several]
+    return [Path(text) for text in texts(given)]
+
+
+def texts(given: OneOrMore) -> list[str]:
+    """The texts, however they were given: one, several or none."""
+    return [str(one) for one in ([given] if isinstance(given, str | Path) else given or ())]

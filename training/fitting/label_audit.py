@@ -267,7 +267,8 @@ def _doubted(dataset: DatasetVersion, order: I64, margins: F64, decided: I64) ->
     patches = []
     for row, place in zip(chosen.itertuples(index=False), order.tolist(), strict=True):
         said, margin = classes[decided[place]], float(margins[place])
-        suggested = _suggested(dataset, _around(labels, row), said) or names[decided[place]]
+        around = _around(labels, row)
+        suggested = _suggested(dataset, around, said) or names[decided[place]]
         reason = f"a model that did not learn it takes it for {said} by {-margin:.2f}"
         patches.append(
             AuditedPatch(
@@ -275,7 +276,7 @@ def _doubted(dataset: DatasetVersion, order: I64, margins: F64, decided: I64) ->
                 str(row.label),
                 suggested,
                 round(margin, 4),
-                reason + _neighbours_words(_around(labels, row), suggested),
+                reason + _neighbours_words(around, suggested),
             )
         )
     return patches

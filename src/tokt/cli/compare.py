@@ -195,8 +195,8 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
         first = frames["first_detection"]
         if frames["single_pictures"]:
             return
-        say = f"from frame {first} on" if first is not None else "never"
-        print(f"  status 1 in three frames in a row: {say}")
+        where = f"from frame {first} on" if first is not None else "never"
+        print(f"  status 1 in three frames in a row: {where}")
         return
     rows = [(one["mission"], one) for one in missions]
     rows += [(f"site {name}", one) for name, one in result["sites"].items()]
