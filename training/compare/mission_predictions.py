@@ -202,18 +202,21 @@ def predict_missions(
         series=FrameSeries.of(pd.concat(tables), steps),
         read_frame=lambda name, camera, frame: by_name[name].read(frame, camera),
         dataset=None,
-        notes=_notes(bundles, sure, unsure),
+        notes=_notes(bundles, sure, unsure, single),
         stated=stated,
         ranges=ranges,
     )
 
 
-def _notes(bundles: Sequence[Bundle], sure: Sequence[LabelRecord], unsure: int) -> list[str]:
+def _notes(
+    bundles: Sequence[Bundle], sure: Sequence[LabelRecord], unsure: int, single: Collection[str]
+) -> list[str]:
+    alone = f", and each picture of {', '.join(single)}" if single else ""
     notes = [
         "No model learnt from any of these frames: they were compared pixel by pixel with what "
         f"each model learnt from. {unsure} patches marked unsure are not scored. Each frame is "
         "judged at the frame rule in the model's bundle. Blocks of "
-        f"{BLOCK_FRAMES} frames count as independent."
+        f"{BLOCK_FRAMES} frames count as independent{alone}."
     ]
     same = [bundle.label for bundle in bundles if mission_in_training(bundle, sure)]
     if same:

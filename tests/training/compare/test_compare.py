@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import mlflow
 import numpy as np
 import pandas as pd
@@ -255,6 +256,17 @@ def test_frames_that_were_learnt_from_are_refused(compared, refused, tiny):
 def later_dive(tiny_dive, tmp_path):
     """Frames like the tiny mission's that no model has seen; every fourth number is missing."""
     return tiny_dive(tmp_path / "later", [n for n in range(100, 130) if n % 4]).parent
+
+
+def test_single_pictures_count_one_by_one(compared, told, later_dive, tmp_path):
+    for number, file in enumerate(sorted((later_dive / "Left").iterdir())):
+        picture = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(file), picture[:, : picture.shape[1] - 4 * (number % 3)])
+    options = ("--mission", later_dive, "--labels", later_dive / "labels.csv")
+    found = told("compare", "tiny-lbp", "tiny-thesis", *options, "--workspace", compared.workspace,
+                 "-o", tmp_path / "c.html")  # fmt: skip
+    assert "count as independent, and each picture of later" in found["notes"][0]
+    assert found["method"].startswith("22 blocks of frames count as independent")
 
 
 def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_path):
