@@ -3,9 +3,8 @@
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I64, U8
+from tokt.features.common.arrays import F64, I64, U8, U16
 from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.features.kernels.dispatch import KERNELS
@@ -110,7 +109,7 @@ class FramePictures:
         return self._colours[cells]
 
     @cached_property
-    def gray16(self) -> NDArray[np.uint16]:
+    def gray16(self) -> U16:
         """The frame resized and gray in 1/256 grey level."""
         frame = check_frame(self._frame, self.threads)
         return KERNELS.resized_gray16(frame, *_picture_size(frame, self.grid), self.threads)

@@ -15,9 +15,8 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I64, U8, Bools
+from tokt.features.common.arrays import F64, I64, U8, U16, Bools
 from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.frames.view_mask import ViewMask
 from tokt.features.kernels.dispatch import KERNELS
@@ -97,7 +96,7 @@ def masked_patches(frame: U8, mask: ViewMask | None) -> Bools | None:
 
 
 def patch_detail(
-    frame: U8, gray16: NDArray[np.uint16] | None = None, masked: Bools | None = None
+    frame: U8, gray16: U16 | None = None, masked: Bools | None = None
 ) -> PatchDetail | None:
     """Measure a frame's patches.
 

@@ -8,9 +8,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tokt.features.common.arrays import I64, U8, U64
+from tokt.features.common.arrays import I64, U8, U16, U32, U64
 
 if TYPE_CHECKING:
     from concurrent.futures import ThreadPoolExecutor
@@ -59,7 +58,7 @@ def check_frame(frame: Any, threads: int = 1) -> U8:
     return np.ascontiguousarray(frame)
 
 
-def check_gray16(gray16: Any, threads: int = 1) -> NDArray[np.uint16]:
+def check_gray16(gray16: Any, threads: int = 1) -> U16:
     """A 16-bit gray picture in C order, copied only if it is not in C order yet.
 
     TypeError if it is not an array of uint16, ValueError if it has another shape or no pixel.
@@ -68,6 +67,14 @@ def check_gray16(gray16: Any, threads: int = 1) -> NDArray[np.uint16]:
     if gray16.ndim != 2 or not gray16.size:
         raise ValueError(f"a 16-bit gray picture is (height, width), not {gray16.shape}")
     return np.ascontiguousarray(gray16)
+
+
+def check_sums(sums: U32, shape: tuple[int, ...]) -> U32:
+    """Check that an array can be the summed area of a picture of that shape; ValueError if not."""
+    height, width = shape
+    if sums.dtype != np.uint32 or sums.shape != (height + 1, width + 1):
+        raise ValueError(f"sums are uint32 of {(height + 1, width + 1)}, not {sums.shape}")
+    return np.ascontiguousarray(sums)
 
 
 def check_size(height: int, width: int) -> None:

@@ -16,25 +16,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I16, I64, U8, U64
+from tokt.features.common.arrays import F64, I16, I64, U8, U16, U32, U64
 from tokt.features.frames.grid import Grid
 
 from . import _native, numpy_pictures
 from .block_matching import PADDING, BlockMatching, padded
 from .checks import over_rows
 from .lbp_points import lbp_points, nearest_points, pattern_codes
-from .numpy_pictures import SUMS_AS_X86, area_weights, is_area_sum, overlaps, sign_tiles
-from .quantization import (
-    FRAME,
-    MIN_AROUND,
-    RATIO,
-    RATIO_OF,
-    STEPS_PER_LEVEL,
-    Quantization,
-    gray16_step,
+from .numpy_pictures import (
+    SUMS_AS_X86,
+    area_weights,
+    is_area_sum,
+    overlaps,
+    picture_total,
+    sign_tiles,
 )
+from .quantization import MIN_AROUND, RATIO, RATIO_OF, STEPS_PER_LEVEL, Quantization
 
-_INTERFACE = 9
+_INTERFACE = 10
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
 
@@ -44,6 +43,7 @@ _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is ta
 _MAX_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
 _INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
 _MAX_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
+_MAX_SIDE = 1000  # pixels: of such pictures a share can be under a thousandth of a pixel
 # The bits that OpenCV gives on x86, where models are trained; ARM has no others.
 _KNOWN_ORDER = SUMS_AS_X86 or platform.machine().lower() in ("aarch64", "arm64")
 
@@ -116,37 +116,82 @@ def haralick_features(gray: U8, grid: Grid, ignore_zeros: bool, threads: int = 1
     return features
 
 
-@lru_cache(maxsize=16)
-def _area_tables(source: int, target: int) -> Any:
-    return _native.AreaTables(*area_weights(source, target))
+_MAX_SUM = (1 << 32) - 1  # of 32 bits
 
 
-def _is_own_area(shape: tuple[int, ...], height: int, width: int) -> bool:
-    down = max(shape[0] / height, shape[1] / width)
-    return _KNOWN_ORDER and down <= _MAX_REDUCTION and is_area_sum(shape, height, width)
+def _sums_fit(frame: U8) -> bool:
+    return 255 * frame.shape[0] * frame.shape[1] <= _MAX_SUM
 
 
-def _near_tie(shape: tuple[int, ...], height: int, width: int) -> float:
-    """How far two orders of summing can be apart, in grey levels.
+def _is_own_area(frame: U8, height: int, width: int) -> bool:
+    """Tell whether whole sums over areas are those of OpenCV up to rounding.
 
-    A sum of n terms up to 255 in single precision is off by at most (n + 1) * 255 * 2**-24. There
-    are two sums after each other, and two orders of them; a scale s has at most ceil(s) + 1 terms.
+    OpenCV leaves out shares of a pixel that only pictures of `_MAX_SIDE` and more have.
     """
+    down = max(frame.shape[0] / height, frame.shape[1] / width)
+    small = down <= _MAX_REDUCTION and max(height, width) < _MAX_SIDE and _sums_fit(frame)
+    return _KNOWN_ORDER and bool(small) and is_area_sum(frame.shape, height, width)
+
+
+@lru_cache(maxsize=16)
+def _exact_table(source: int, target: int) -> tuple[NDArray[np.int32], ...]:
+    first, weight = overlaps(source, target)
+    counts = np.count_nonzero(weight, axis=0)
+    starts = np.concatenate([[0], counts.cumsum()])
+    return tuple(each.astype(np.int32) for each in (starts, first, weight.T[weight.T > 0]))
+
+
+@lru_cache(maxsize=16)
+def _pictures_maker(shape: tuple[int, int], height: int, width: int) -> Any:
+    sides = (shape[0], height), (shape[1], width)
+    # How far OpenCV's sums can be from ours, in grey levels, and more: a sum of n terms up to 255
+    # in single precision is off by at most (n + 1) * 255 * 2**-24, its weights' rounding adds as
+    # much as a term, and there are two sums after each other. A scale s has at most ceil(s) + 1
+    # terms. Ours leave out one unit.
+    unit = 1.0 / (shape[0] * shape[1])
     terms = np.ceil(shape[0] / height) + np.ceil(shape[1] / width) + 2
-    return float(2 * (terms + 2) * 255 * 2.0**-24)
+    return _native.GrayPictures(
+        *(table(*side) for table in (_exact_table, area_weights) for side in sides),
+        width,
+        unit,
+        2 * (terms + 2) * 255 * 2.0**-24 + unit,
+    )
+
+
+def _made(frame: U8, gray16: U16 | None, gray: U8 | None, threads: int) -> None:
+    """Fill the 16-bit gray picture and the plain one, or one of them, in one pass."""
+    height, width = (gray16 if gray is None else gray).shape  # type: ignore[union-attr]
+    maker = _pictures_maker(frame.shape[:2], height, width)
+    pixels = frame.reshape(*frame.shape[:2], -1)
+    _do_rows("area", maker.make_rows, height, threads, pixels, gray16, gray)
 
 
 def resized_gray(frame: U8, height: int, width: int, threads: int = 1) -> U8:
     """`Kernels.resized_gray` in one pass over the frame, to the last bit."""
-    if not _is_own_area(frame.shape, height, width):
+    if not _is_own_area(frame, height, width):
         return numpy_pictures.resized_gray(frame, height, width)
-    rows, columns = _area_tables(frame.shape[0], height), _area_tables(frame.shape[1], width)
-    near_tie = _near_tie(frame.shape, height, width)
-    pixels = frame.reshape(*frame.shape[:2], -1)
-    picture = np.empty((height, width), np.uint8)
-    tables = rows, columns, near_tie
-    _do_rows("area", _native.area_gray, height, threads, pixels, *tables, picture)
-    return picture
+    gray = np.empty((height, width), np.uint8)
+    _made(frame, None, gray, threads)
+    return gray
+
+
+def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> U16:
+    """`Kernels.resized_gray16` in one pass over the frame, to the last bit."""
+    if not _sums_fit(frame):
+        return numpy_pictures.resized_gray16(frame, height, width)
+    gray16 = np.empty((height, width), np.uint16)
+    _made(frame, gray16, None, threads)
+    return gray16
+
+
+def resized_grays(frame: U8, height: int, width: int, threads: int = 1) -> tuple[U16, U8]:
+    """`Kernels.resized_grays` in one pass over the frame."""
+    if not _is_own_area(frame, height, width):
+        plain = numpy_pictures.resized_gray(frame, height, width)
+        return resized_gray16(frame, height, width, threads), plain
+    gray16, gray = np.empty((height, width), np.uint16), np.empty((height, width), np.uint8)
+    _made(frame, gray16, gray, threads)
+    return gray16, gray
 
 
 def lbp_nearest_counts(
@@ -164,7 +209,7 @@ def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
     return _by_patch("structure", _native.structure_sums, gray, grid, threads, 3)
 
 
-def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1) -> I64:
+def gradient_sums(gray16: U16, grid: Grid, box: int, threads: int = 1) -> I64:
     """`Kernels.gradient_sums`."""
     return _by_patch("gradient", _native.gradient_sums, gray16, grid, threads, 3, box)
 
@@ -177,9 +222,7 @@ def difference_sums(frame: U8, rows: I64, cols: int, lags: Sequence[int]) -> I64
     return sums
 
 
-def curvature_sums(
-    gray16: NDArray[np.uint16], grid: Grid, lags: Sequence[int], threads: int = 1
-) -> I64:
+def curvature_sums(gray16: U16, grid: Grid, lags: Sequence[int], threads: int = 1) -> I64:
     """`Kernels.curvature_sums`."""
     numbers = np.array(lags, np.int32)
     kernel = _native.curvature_sums
@@ -201,33 +244,6 @@ def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads
     return _by_patch("lines", _native.line_sums, gray, grid, threads, shape, middle, numbers)
 
 
-_MAX_SUM = (1 << 31) - 1
-
-
-@lru_cache(maxsize=16)
-def _gray16_tables(source: int, target: int) -> Any:
-    first, weight = overlaps(source, target)
-    counts = np.count_nonzero(weight, axis=0)
-    return _native.Gray16Tables(
-        np.concatenate([[0], counts.cumsum()]).astype(np.int32),
-        first.astype(np.int32),
-        weight.T[weight.T > 0].astype(np.int32),
-    )
-
-
-def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> NDArray[np.uint16]:
-    """`Kernels.resized_gray16` in one pass over the frame, to the last bit."""
-    if 255 * frame.shape[0] * frame.shape[1] > _MAX_SUM:
-        return numpy_pictures.resized_gray16(frame, height, width)
-    rows, columns = _gray16_tables(frame.shape[0], height), _gray16_tables(frame.shape[1], width)
-    step = gray16_step(frame.shape)
-    pixels = frame.reshape(*frame.shape[:2], -1)
-    gray16 = np.empty((height, width), np.uint16)
-    tables = rows, columns, step
-    _do_rows("gray16", _native.resized_gray16, height, threads, pixels, *tables, gray16)
-    return gray16
-
-
 @lru_cache(maxsize=16)
 def _quantizer(quantization: Quantization) -> Any:
     return _native.Quantizer(
@@ -241,13 +257,19 @@ def _quantizer(quantization: Quantization) -> Any:
     )
 
 
-def quantize(gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1) -> U8:
+def summed_area(gray16: U16) -> U32:
+    """`Kernels.summed_area`."""
+    sums = np.empty((gray16.shape[0] + 1, gray16.shape[1] + 1), np.uint32)
+    _native.summed_area_table(gray16, sums)
+    return sums
+
+
+def quantize(gray16: U16, sums: U32, quantization: Quantization, threads: int = 1) -> U8:
     """`Kernels.quantize`, to the last bit."""
     kernel = _quantizer(quantization)
-    total = int(cv2.sumElems(gray16)[0]) if quantization.by == FRAME else 0
-    scale = quantization.scale(total, gray16.size)
+    scale = quantization.scale(picture_total(sums), gray16.size)
     picture = np.empty(gray16.shape, np.uint8)
-    _do_rows("quantize", kernel.rows, len(gray16), threads, gray16, scale, picture)
+    _do_rows("quantize", kernel.rows, len(gray16), threads, sums, scale, picture)
     return picture
 
 

@@ -13,9 +13,8 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I16, I64, U8, U64
+from tokt.features.common.arrays import F64, I16, I64, U8, U16, U32, U64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
@@ -33,6 +32,7 @@ from .checks import (
     check_samples,
     check_signs,
     check_size,
+    check_sums,
     check_weights,
 )
 from .quantization import Quantization
@@ -145,9 +145,7 @@ class Kernels:
         check_size(height, width)
         return np.asarray(self.module.resized_gray(frame, height, width, threads))
 
-    def resized_gray16(
-        self, frame: U8, height: int, width: int, threads: int = 1
-    ) -> NDArray[np.uint16]:
+    def resized_gray16(self, frame: U8, height: int, width: int, threads: int = 1) -> U16:
         """A frame resized by area and gray, in 1/256 grey level, rounded once.
 
         A picture larger than the frame is made by the same rule: its pixels are the frame's, mixed
@@ -166,10 +164,36 @@ class Kernels:
         check_gray16_size(frame.shape, height, width)
         return np.asarray(self.module.resized_gray16(frame, height, width, threads))
 
+    def resized_grays(self, frame: U8, height: int, width: int, threads: int = 1) -> tuple[U16, U8]:
+        """`resized_gray16` and `resized_gray`, which take hardly more together than one alone."""
+        frame = check_frame(frame, threads)
+        check_gray16_size(frame.shape, height, width)
+        gray16, gray = self.module.resized_grays(frame, height, width, threads)
+        return gray16, gray
+
+    def summed_area(self, gray16: U16) -> U32:
+        """Sum all pixels above and left of each corner of a 16-bit gray picture's pixels.
+
+        Returns
+        -------
+        numpy.ndarray
+            uint32, shape (height + 1, width + 1), modulo 2**32: sums over boxes are differences.
+
+        References
+        ----------
+        Crow (1984), "Summed-area tables for texture mapping", SIGGRAPH.
+        """
+        return np.asarray(self.module.summed_area(check_gray16(gray16)))
+
     def quantize(
-        self, gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
+        self, gray16: U16, quantization: Quantization, threads: int = 1, sums: U32 | None = None
     ) -> U8:
         """A 16-bit gray picture quantized, as `Quantization` says.
+
+        Parameters
+        ----------
+        sums : array of uint32, shape (height + 1, width + 1), optional
+            `summed_area` of the picture, where the caller has it.
 
         Returns
         -------
@@ -177,7 +201,8 @@ class Kernels:
             uint8, shape (height, width), 0 to ``quantization.levels - 1``.
         """
         gray16 = check_gray16(gray16, threads)
-        return np.asarray(self.module.quantize(gray16, quantization, threads))
+        sums = check_sums(self.summed_area(gray16) if sums is None else sums, gray16.shape)
+        return np.asarray(self.module.quantize(gray16, sums, quantization, threads))
 
     def level_counts(self, gray: U8, grid: Grid, threads: int = 1) -> I64:
         """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256)."""
@@ -196,9 +221,7 @@ class Kernels:
         """
         return np.asarray(self.module.structure_sums(check_gray(gray, threads), grid, threads))
 
-    def gradient_sums(
-        self, gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1
-    ) -> I64:
+    def gradient_sums(self, gray16: U16, grid: Grid, box: int, threads: int = 1) -> I64:
         """Sums of squared gradients over each patch, and how strong its strong gradients are.
 
         Each pixel becomes the mean of the `box` x `box` pixels around it, rounded to a whole step;
@@ -248,9 +271,7 @@ class Kernels:
         check_rows(rows, cols, frame.shape, max(lags))
         return np.asarray(self.module.difference_sums(frame, rows, cols, lags))
 
-    def curvature_sums(
-        self, gray16: NDArray[np.uint16], grid: Grid, lags: Sequence[int], threads: int = 1
-    ) -> I64:
+    def curvature_sums(self, gray16: U16, grid: Grid, lags: Sequence[int], threads: int = 1) -> I64:
         """Sums of squared second differences over each patch, across and down together.
 
         That of a pixel is the one `lag` before it, less twice itself, and the one `lag` behind it;

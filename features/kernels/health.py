@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, U8
+from tokt.features.common.arrays import F64, U8, U16
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 from tokt.features.frames.grid import Grid
 
@@ -129,9 +129,7 @@ def compared(active: Kernels, other: Kernels) -> Finding:
     return Finding(f"{other.name} kernels", OK if same else FAULT, text, figures)
 
 
-def _integers(
-    kernels: Kernels, frame: U8, gray: U8, gray16: NDArray[np.uint16]
-) -> list[NDArray[np.integer]]:
+def _integers(kernels: Kernels, frame: U8, gray: U8, gray16: U16) -> list[NDArray[np.integer]]:
     """16-bit gray, what it is quantized to, whole sums over patches, and disparities."""
     return [
         kernels.resized_gray16(frame, _HEIGHT, 72),

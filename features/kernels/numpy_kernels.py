@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I64, U8, Bools
+from tokt.features.common.arrays import F64, I64, U8, U16, Bools
 from tokt.features.frames.grid import Grid
 
 from .block_matching import block_disparity as block_disparity
@@ -28,8 +28,10 @@ from .numpy_pictures import level_counts as level_counts
 from .numpy_pictures import quantize as quantize
 from .numpy_pictures import resized_gray as resized_gray
 from .numpy_pictures import resized_gray16 as resized_gray16
+from .numpy_pictures import resized_grays as resized_grays
 from .numpy_pictures import row_marks as row_marks
 from .numpy_pictures import sign_counts as sign_counts
+from .numpy_pictures import summed_area as summed_area
 
 DETAIL = f"numpy {np.__version__}"
 
@@ -383,7 +385,7 @@ def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
     return np.stack([_patch_sums(product, grid) for product in (gx * gx, gy * gy, gx * gy)], axis=1)
 
 
-def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1) -> I64:
+def gradient_sums(gray16: U16, grid: Grid, box: int, threads: int = 1) -> I64:
     """`Kernels.gradient_sums`; squares are below 2**53, up to which double precision is exact."""
     whole, border = gray16.astype(np.float64), cv2.BORDER_REPLICATE
     sums = cv2.boxFilter(whole, cv2.CV_64F, (box, box), normalize=False, borderType=border)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I64, U8, U64
+from tokt.features.common.arrays import F64, I64, U8, U16, U32, U64
 from tokt.features.frames.grid import Grid
 
 from .quantization import (
@@ -49,7 +49,7 @@ def _shrunk(rows: F64, target: int) -> F64:
     return sums
 
 
-def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> NDArray[np.uint16]:
+def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> U16:
     """`Kernels.resized_gray16`."""
     # Up to 2**22, so single precision is exact.
     if frame.ndim == 3:
@@ -60,37 +60,38 @@ def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> NDAr
     return np.ascontiguousarray(np.floor(sums * gray16_step(frame.shape) + 0.5), np.uint16)
 
 
-@lru_cache(maxsize=32)
-def shares(length: int, side: int) -> F64:
-    """One by the number of a box's rows (or columns) that lie in the picture, for each centre."""
-    at = np.arange(length)
-    return 1.0 / (np.minimum(at + side // 2, length - 1) - np.maximum(at - side // 2, 0) + 1)
+def summed_area(gray16: U16) -> U32:
+    """`Kernels.summed_area`."""
+    up_to = gray16.cumsum(axis=0, dtype=np.uint32).cumsum(axis=1, dtype=np.uint32)
+    return np.pad(up_to, ((1, 0), (1, 0)))
 
 
-def _box_mean(gray16: NDArray[np.uint16], side: int) -> F64:
-    """Mean of the pixels of a box that lie in the picture."""
-    whole = gray16.astype(np.float64)
-    if side == 1:
-        return whole
-    # Sums of whole numbers in double precision, exact in any order; from 16 bits OpenCV would
-    # sum in 31, which a bright box of more than 181 pixels overflows.
-    sums = cv2.boxFilter(
-        whole, cv2.CV_64F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
+def picture_total(sums: U32) -> int:
+    """The sum of all pixels, which the last of the sums may have run over: rows never do."""
+    return int((sums[1:, -1] - sums[:-1, -1]).sum(dtype=np.int64))
+
+
+def _box_mean(sums: U32, side: int) -> F64:
+    """Mean of the pixels of a box that lie in the picture, by the picture's summed area."""
+    ends = [np.arange(length - 1)[:, None] + (-(side // 2), side // 2 + 1) for length in sums.shape]
+    (top, bottom), (left, right) = (
+        end.clip(0, length - 1).T for end, length in zip(ends, sums.shape, strict=True)
     )
-    height, width = gray16.shape
-    return np.asarray(sums * shares(width, side) * shares(height, side)[:, None])
+    strips = sums[bottom] - sums[top]
+    whole = strips[:, right] - strips[:, left]
+    return np.asarray(whole * (1.0 / (right - left)) * (1.0 / (bottom - top))[:, None])
 
 
-def quantize(gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1) -> U8:
+def quantize(gray16: U16, sums: U32, quantization: Quantization, threads: int = 1) -> U8:
     """`Kernels.quantize`."""
-    value = _box_mean(gray16, quantization.smooth)
+    value = _box_mean(sums, quantization.smooth)
     if quantization.window:
-        around = _box_mean(gray16, quantization.window)
+        around = _box_mean(sums, quantization.window)
         value -= around
         if quantization.by == RATIO:
             value *= RATIO_OF * STEPS_PER_LEVEL
             value /= np.maximum(around, MIN_AROUND * STEPS_PER_LEVEL)
-    value *= quantization.scale(int(gray16.sum(dtype=np.int64)), gray16.size)
+    value *= quantization.scale(picture_total(sums), gray16.size)
     value += quantization.offset
     return np.floor(value).clip(0, quantization.levels - 1).astype(np.uint8)
 
@@ -205,9 +206,7 @@ def difference_sums(frame: U8, rows: I64, cols: int, lags: Sequence[int]) -> I64
     return np.moveaxis(patches.sum(axis=3, dtype=np.int64), 0, -1)
 
 
-def curvature_sums(
-    gray16: NDArray[np.uint16], grid: Grid, lags: Sequence[int], threads: int = 1
-) -> I64:
+def curvature_sums(gray16: U16, grid: Grid, lags: Sequence[int], threads: int = 1) -> I64:
     """`Kernels.curvature_sums`."""
     levels = gray16.astype(np.int32)
     found = []
@@ -246,3 +245,8 @@ def sign_counts(signs: U64, others: U64) -> I64:
     """`Kernels.sign_counts`."""
     counts = (np.bitwise_count(signs & each) for each in (others, others[:, ::-1]))
     return np.stack([each.sum(axis=(1, 2, 3), dtype=np.int64) for each in counts], axis=1)
+
+
+def resized_grays(frame: U8, height: int, width: int, threads: int = 1) -> tuple[U16, U8]:
+    """`Kernels.resized_grays`."""
+    return resized_gray16(frame, height, width), resized_gray(frame, height, width)

@@ -9,13 +9,14 @@ from importlib.metadata import version
 from itertools import product
 from typing import Any
 
+import cv2
 import mahotas.features
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.feature import local_binary_pattern
 
-from tokt.features.common.arrays import F64, I64, U8, U64
+from tokt.features.common.arrays import F64, I64, U8, U16, U32, U64
 from tokt.features.frames.grid import Grid
 
 from .block_matching import block_disparity as block_disparity
@@ -67,7 +68,7 @@ def _covered(source: int, target: int) -> F64:
     return np.asarray((end - np.maximum(*begin)).clip(0), np.float64)
 
 
-def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> NDArray[np.uint16]:
+def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> U16:
     """`Kernels.resized_gray16`: two matrix products of whole numbers below 2**53, so exact."""
     rows, columns = _covered(frame.shape[0], height), _covered(frame.shape[1], width)
     if frame.ndim == 2:
@@ -84,14 +85,20 @@ def _around(length: int, side: int) -> F64:
     return np.asarray(np.abs(at[:, None] - at) <= side // 2, np.float64)
 
 
-def _mean_around(gray16: NDArray[np.uint16], side: int) -> F64:
+def _mean_around(gray16: U16, side: int) -> F64:
     down, across = _around(len(gray16), side), _around(gray16.shape[1], side)
     return np.asarray(
         down @ gray16 @ across * (1 / across.sum(axis=0)) * (1 / down.sum(axis=1))[:, None]
     )
 
 
-def quantize(gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1) -> U8:
+def summed_area(gray16: U16) -> U32:
+    """`Kernels.summed_area`."""
+    whole = cv2.integral(gray16, sdepth=cv2.CV_64F)
+    return np.asarray(whole % 2.0**32, np.uint32)
+
+
+def quantize(gray16: U16, sums: U32, quantization: Quantization, threads: int = 1) -> U8:
     """`Kernels.quantize`; the means' sums are matrix products, exact in double precision."""
     x, middle = _mean_around(gray16, quantization.smooth), 0.0
     if quantization.window:
@@ -143,7 +150,7 @@ def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
     return np.stack([(slopes[one] * slopes[two]).sum(axis=1) for one, two in pairs], axis=1)
 
 
-def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1) -> I64:
+def gradient_sums(gray16: U16, grid: Grid, box: int, threads: int = 1) -> I64:
     """`Kernels.gradient_sums`."""
     near = np.ones((box, box), np.int64)
     sums = ndimage.correlate(gray16.astype(np.int64), near, mode="nearest")
@@ -210,3 +217,8 @@ def sign_counts(signs: U64, others: U64) -> I64:
         for each in (other, other[::-1])
     ]
     return np.array(counts, np.int64).reshape(-1, 2)
+
+
+def resized_grays(frame: U8, height: int, width: int, threads: int = 1) -> tuple[U16, U8]:
+    """`Kernels.resized_grays`."""
+    return resized_gray16(frame, height, width), resized_gray(frame, height, width)

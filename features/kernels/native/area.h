@@ -1,11 +1,15 @@
-/* Area resize of a BGR or gray frame, and its gray picture, in one pass over the frame.
+/* Gray pictures of a BGR or gray frame, resized by area, in one pass over the frame.
  *
- * The pixels are those of OpenCV's `resize(..., INTER_AREA)` followed by `cvtColor(...,
- * COLOR_BGR2GRAY)`: each step rounded to whole grey levels. OpenCV sums along the row first, in
- * single precision; here whole rows are added first, which a processor does many pixels at a
- * time. The two orders differ by rounding alone, so only a value that lies very near the middle
- * between two grey levels can come out differently. How near depends on how many terms a sum has
- * (`near_tie`, from the caller); those few are summed again in OpenCV's order. */
+ * A source pixel is `target` units long and a picture's pixel `source` units, so every overlap is
+ * a whole number, and so is every sum: any order of adding gives the same bits. Whole rows are
+ * added first, which a processor does many pixels at a time. The caller sees to it that a sum of
+ * the largest frame stays below 2^32.
+ *
+ * Of the same sums two pictures are made. The 16-bit one is in 1/256 grey level, rounded once. The
+ * plain one is OpenCV's `resize(..., INTER_AREA)` followed by `cvtColor(..., COLOR_BGR2GRAY)`: each
+ * step rounded to whole grey levels. OpenCV sums in single precision, so only a value that lies
+ * very near the middle between two grey levels can come out differently. How near depends on how
+ * many terms a sum has (`near_tie`, from the caller); those few are summed again as OpenCV does. */
 #ifndef TOKT_AREA_H
 #define TOKT_AREA_H
 
@@ -28,20 +32,135 @@ typedef struct {
     int width, channels;
 } AreaFrame;
 
-/* Floats that a row of a picture needs as scratch; the frame's row is read one value beyond. */
+/* Which input rows (or columns) make one output row: those from `source`, one for each weight. All
+ * weights of one output but the first and the last are the same. */
+typedef struct {
+    const int32_t *first;  /* [outputs + 1]: where an output's weights begin */
+    const int32_t *source; /* [outputs]: its first input */
+    const int32_t *weight; /* [all weights] */
+} AreaTable;
+
+/* The same with the weights of OpenCV, in single precision. */
+typedef struct {
+    const int32_t *first, *source;
+    const float *weight;
+} TieTable;
+
+/* What pictures are made with. */
+typedef struct {
+    AreaTable rows, columns;
+    TieTable tie_rows, tie_columns;
+    int width;       /* of the pictures */
+    double unit;     /* one by the units of a pixel */
+    float near_tie;  /* grey levels */
+} AreaTables;
+
+/* Bytes that a row of a picture needs as scratch; the frame's row is read one value beyond. */
 static size_t area_scratch(const AreaFrame *frame, int width) {
-    return (size_t)frame->width * frame->channels + AREA_LANES + 2 * AREA_LANES * (size_t)width;
+    size_t in = (size_t)frame->width * frame->channels + AREA_LANES, out = (size_t)width;
+    return out * sizeof(double) + (in + (2 * AREA_LANES + 1) * out) * sizeof(int32_t);
 }
 
-#define SUMS_NAME(name) area_##name
-#define SUMS_TABLE AreaTable
-#define SUMS_VALUE float
-#define SUMS_LANE float
-#include "area_sums.h"
+/* Add up the frame's rows that make row y of the picture. Mostly those are a part of one, two or
+ * three whole ones, which are added as whole numbers, and a part of the last: one pass. */
+TOKT_BODY void area_add_rows(const AreaFrame *frame, const AreaTable *rows, int y,
+                             int32_t *TOKT_RESTRICT sums) {
+    const int32_t *weight = rows->weight + rows->first[y];
+    int n = frame->width * frame->channels, count = rows->first[y + 1] - rows->first[y];
+    const uint8_t *TOKT_RESTRICT a = frame->pixels + rows->source[y] * frame->stride;
+    int32_t part = weight[0], last = weight[count - 1];
+    if (count == 4) {
+        const uint8_t *TOKT_RESTRICT b = a + frame->stride, *TOKT_RESTRICT c = b + frame->stride;
+        const uint8_t *TOKT_RESTRICT d = c + frame->stride;
+        int32_t whole = weight[1];
+        for (int x = 0; x < n; x++) sums[x] = part * a[x] + whole * (b[x] + c[x]) + last * d[x];
+    } else if (count == 5) {
+        const uint8_t *TOKT_RESTRICT b = a + frame->stride, *TOKT_RESTRICT c = b + frame->stride;
+        const uint8_t *TOKT_RESTRICT d = c + frame->stride, *TOKT_RESTRICT e = d + frame->stride;
+        int32_t whole = weight[1];
+        for (int x = 0; x < n; x++)
+            sums[x] = part * a[x] + whole * (b[x] + c[x] + d[x]) + last * e[x];
+    } else {
+        for (int x = 0; x < n; x++) sums[x] = part * a[x];
+        for (int row = 1; row < count; row++) {
+            const uint8_t *TOKT_RESTRICT in = a + row * frame->stride;
+            int32_t more = weight[row];
+            for (int x = 0; x < n; x++) sums[x] += more * in[x];
+        }
+    }
+}
+
+#if defined(__GNUC__)
+/* Blue, green and red side by side; the fourth value is the next pixel's. */
+typedef uint32_t AreaPixel __attribute__((vector_size(16), aligned(4), may_alias));
+#else
+typedef struct {
+    uint32_t value[AREA_LANES];
+} AreaPixel;
+#endif
+
+/* Add up columns of `sums` with their weights: one pixel of the picture. */
+TOKT_BODY AreaPixel area_pixel(const int32_t *in, const int32_t *weight, int count) {
+    AreaPixel sum;
+    uint32_t first = (uint32_t)weight[0], whole = (uint32_t)weight[count > 1],
+             last = count > 1 ? (uint32_t)weight[count - 1] : 0;
+    const int32_t *end = in + 3 * (count > 1 ? count - 1 : 0);
+#if defined(__GNUC__)
+    AreaPixel inner = {0};
+    for (const int32_t *at = in + 3; at < end; at += 3) inner += *(const AreaPixel *)at;
+    sum = first * *(const AreaPixel *)in + whole * inner + last * *(const AreaPixel *)end;
+#else
+    for (int lane = 0; lane < AREA_LANES; lane++) {
+        uint32_t inner = 0;
+        for (const int32_t *at = in + 3; at < end; at += 3) inner += (uint32_t)at[lane];
+        sum.value[lane] = first * (uint32_t)in[lane] + whole * inner + last * (uint32_t)end[lane];
+    }
+#endif
+    return sum;
+}
+
+/* Add up the columns of `sums` that make each pixel of the picture's row. What is needed next of
+ * the frame, the rows of the picture's row `next`, is asked for meanwhile: this loop computes while
+ * memory could deliver. */
+TOKT_BODY void area_add_columns(const AreaFrame *frame, const AreaTables *tables, int next,
+                                const int32_t *sums, uint32_t *TOKT_RESTRICT out) {
+    const AreaTable *rows = &tables->rows, *columns = &tables->columns;
+    const uint8_t *ahead = frame->pixels + rows->source[next] * frame->stride;
+    ptrdiff_t n_ahead = (rows->first[next + 1] - rows->first[next]) * frame->stride;
+    for (ptrdiff_t x = 0; x < tables->width; x++) {
+        if (x * AREA_CACHE_LINE < n_ahead) TOKT_PREFETCH(ahead + x * AREA_CACHE_LINE);
+        const int32_t *in = sums + (ptrdiff_t)columns->source[x] * frame->channels;
+        const int32_t *weight = columns->weight + columns->first[x];
+        int count = columns->first[x + 1] - columns->first[x];
+        if (frame->channels == 1) {
+            uint32_t sum = 0;
+            for (int i = 0; i < count; i++) sum += (uint32_t)weight[i] * (uint32_t)in[i];
+            out[x] = sum;
+            continue;
+        }
+        AreaPixel pixel = area_pixel(in, weight, count);
+        memcpy(out + AREA_LANES * x, &pixel, sizeof pixel);
+    }
+}
+
+/* Write a row in 1/256 grey level. ITU-R BT.601 in 2^14 parts; the sum is exact below 2^53. */
+TOKT_BODY void area_gray16(const uint32_t *TOKT_RESTRICT along, int channels, ptrdiff_t width,
+                           double unit, double *TOKT_RESTRICT gray,
+                           uint16_t *TOKT_RESTRICT out) {
+    double step = 256.0 / 16384.0 * unit;
+    if (channels == 1)
+        for (ptrdiff_t x = 0; x < width; x++) gray[x] = 16384.0 * along[x];
+    else
+        for (ptrdiff_t x = 0; x < width; x++) {
+            const uint32_t *pixel = along + AREA_LANES * x;
+            gray[x] = 1868.0 * pixel[0] + 9617.0 * pixel[1] + 4899.0 * pixel[2];
+        }
+    for (ptrdiff_t x = 0; x < width; x++) out[x] = (uint16_t)(int32_t)(gray[x] * step + 0.5);
+}
 
 /* One value as OpenCV sums it, rounded. */
-static int area_exact(const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns,
-                      int y, int x, int channel) {
+static int area_exact(const AreaFrame *frame, const AreaTables *tables, int y, int x, int channel) {
+    const TieTable *rows = &tables->tie_rows, *columns = &tables->tie_columns;
     const uint8_t *in = frame->pixels + rows->source[y] * frame->stride +
                         (ptrdiff_t)columns->source[x] * frame->channels + channel;
     const float *across = columns->weight + columns->first[x];
@@ -55,62 +174,80 @@ static int area_exact(const AreaFrame *frame, const AreaTable *rows, const AreaT
     return (int)lrintf(sum);
 }
 
-/* Sums as whole grey levels; returns how many lie too near the middle of two to tell. */
-TOKT_BODY int area_round(const float *TOKT_RESTRICT sums, int n, float near_tie,
-                         int32_t *TOKT_RESTRICT levels) {
+/* A sum in grey levels, in single precision; the lowest bit is left out, as signed numbers are
+ * converted at once. */
+TOKT_BODY float area_level(uint32_t sum, float two_units) { return (int32_t)(sum >> 1) * two_units; }
+
+TOKT_BODY int area_is_tie(float value, int32_t level, float near_tie) {
+    return fabsf(value - (float)level) > 0.5f - near_tie;
+}
+
+/* Round sums to whole grey levels; returns how many lie too near the middle of two to tell. */
+TOKT_BODY int area_round(const uint32_t *TOKT_RESTRICT along, ptrdiff_t n, float two_units,
+                         float near_tie, int32_t *TOKT_RESTRICT levels) {
     int near = 0;
-    for (int i = 0; i < n; i++) {
-        int32_t level = (int32_t)(sums[i] + 0.5f);
-        near += fabsf(sums[i] - (float)level) > 0.5f - near_tie;
-        levels[i] = level;
+    for (ptrdiff_t i = 0; i < n; i++) {
+        float value = area_level(along[i], two_units);
+        levels[i] = (int32_t)(value + 0.5f);
+        near += area_is_tie(value, levels[i], near_tie);
     }
     return near;
 }
 
 /* Decide the values first..last that `area_round` could not. */
-static void area_settle(const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns,
-                        int y, int first, int last, float near_tie, const float *sums,
-                        int32_t *levels) {
+static void area_settle(const AreaFrame *frame, const AreaTables *tables, int y, int first,
+                        int last, float two_units, const uint32_t *along, int32_t *levels) {
     int lanes = frame->channels == 1 ? 1 : AREA_LANES;
     for (int i = first; i < last; i++)
-        if (fabsf(sums[i] - (float)levels[i]) > 0.5f - near_tie && i % lanes < frame->channels)
-            levels[i] = area_exact(frame, rows, columns, y, i / lanes, i % lanes);
+        if (i % lanes < frame->channels &&
+            area_is_tie(area_level(along[i], two_units), levels[i], tables->near_tie))
+            levels[i] = area_exact(frame, tables, y, i / lanes, i % lanes);
 }
 
-/* Rows first..last of the gray picture. */
-TOKT_BODY void area_gray_rows_body(const AreaFrame *frame, const AreaTable *rows,
-                                   const AreaTable *columns, int first, int last, int width,
-                                   float near_tie, float *scratch, uint8_t *out) {
-    int lanes = frame->channels == 1 ? 1 : AREA_LANES;
-    float *sums = scratch, *along = sums + (size_t)frame->width * frame->channels + AREA_LANES;
-    int32_t *levels = (int32_t *)(along + (size_t)AREA_LANES * width);
+/* Write row y in whole grey levels. */
+TOKT_BODY void area_gray8(const AreaFrame *frame, const AreaTables *tables, int y,
+                          const uint32_t *along, int32_t *TOKT_RESTRICT levels,
+                          int32_t *TOKT_RESTRICT gray, uint8_t *TOKT_RESTRICT out) {
+    int lanes = frame->channels == 1 ? 1 : AREA_LANES, all = lanes * tables->width;
+    float two_units = (float)(2 * tables->unit), near_tie = tables->near_tie;
+    for (int i = 0; i < all; i += AREA_CHUNK) {
+        int n = all - i < AREA_CHUNK ? all - i : AREA_CHUNK;
+        if (area_round(along + i, n, two_units, near_tie, levels + i))
+            area_settle(frame, tables, y, i, i + n, two_units, along, levels);
+    }
+    if (lanes == 1) {
+        for (ptrdiff_t x = 0; x < tables->width; x++) out[x] = (uint8_t)levels[x];
+        return;
+    }
+    /* ITU-R BT.601 in OpenCV's fixed point. */
+    for (ptrdiff_t x = 0; x < tables->width; x++) {
+        const int32_t *pixel = levels + AREA_LANES * x;
+        gray[x] = (pixel[0] * 3735 + pixel[1] * 19235 + pixel[2] * 9798 + (1 << 14)) >> 15;
+    }
+    for (ptrdiff_t x = 0; x < tables->width; x++) out[x] = (uint8_t)gray[x];
+}
+
+/* Rows first..last of the 16-bit picture and of the plain one, either of which may be NULL. */
+TOKT_BODY void area_rows_body(const AreaFrame *frame, const AreaTables *tables, int first,
+                              int last, char *scratch, uint16_t *gray16, uint8_t *gray8) {
+    ptrdiff_t width = tables->width, n = (ptrdiff_t)frame->width * frame->channels + AREA_LANES;
+    double *gray = (double *)scratch;
+    int32_t *sums = (int32_t *)(gray + width), *levels = sums + n;
+    int32_t *plain = levels + AREA_LANES * width;
+    uint32_t *along = (uint32_t *)(plain + width);
     /* What follows a row is read as the fourth value of its last pixel. */
-    for (int lane = 0; lane < AREA_LANES; lane++) along[lane - AREA_LANES] = 0;
+    for (int lane = 1; lane <= AREA_LANES; lane++) sums[n - lane] = 0;
     for (int y = first; y < last; y++) {
-        uint8_t *TOKT_RESTRICT gray = out + (ptrdiff_t)y * width;
-        area_add_rows(frame, rows, y, sums);
-        int next = y + 1 < last ? y + 1 : y;
-        area_add_columns(frame, rows, next, columns, width, sums, along);
-        for (int i = 0; i < lanes * width; i += AREA_CHUNK) {
-            int n = lanes * width - i < AREA_CHUNK ? lanes * width - i : AREA_CHUNK;
-            if (area_round(along + i, n, near_tie, levels + i))
-                area_settle(frame, rows, columns, y, i, i + n, near_tie, along, levels);
-        }
-        if (lanes == 1) {
-            for (int x = 0; x < width; x++) gray[x] = (uint8_t)levels[x];
-            continue;
-        }
-        /* ITU-R BT.601 in OpenCV's fixed point. */
-        for (int x = 0; x < width; x++) {
-            const int32_t *pixel = levels + AREA_LANES * x;
-            gray[x] = (uint8_t)((pixel[0] * 3735 + pixel[1] * 19235 + pixel[2] * 9798 + (1 << 14)) >> 15);
-        }
+        area_add_rows(frame, &tables->rows, y, sums);
+        area_add_columns(frame, tables, y + 1 < last ? y + 1 : y, sums, along);
+        if (gray16) area_gray16(along, frame->channels, width, tables->unit, gray, gray16 + y * width);
+        if (gray8) area_gray8(frame, tables, y, along, levels, plain, gray8 + y * width);
     }
 }
 
-TOKT_VARIANTS(area_gray_rows,
-              (const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns, int first,
-               int last, int width, float near_tie, float *scratch, uint8_t *out),
-              (frame, rows, columns, first, last, width, near_tie, scratch, out))
+TOKT_VARIANTS(area_rows,
+              (const AreaFrame *frame, const AreaTables *tables, int first, int last,
+               char *scratch, uint16_t *gray16, uint8_t *gray8),
+              (frame, tables, first, last, scratch, gray16, gray8))
 
 #endif

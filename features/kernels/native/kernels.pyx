@@ -62,32 +62,31 @@ cdef extern from "glcm.h" nogil:
 
 
 cdef extern from "area.h" nogil:
-    ctypedef struct AreaTable:
-        const int32_t *first
-        const int32_t *source
-        const float *weight
-
     ctypedef struct AreaFrame:
         const uint8_t *pixels
         Py_ssize_t stride
         int width, channels
 
-    size_t area_scratch(const AreaFrame *frame, int width)
-    void area_gray_rows(const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns,
-                        int first, int last, int width, float near_tie, float *scratch,
-                        uint8_t *out)
-
-
-cdef extern from "gray16.h" nogil:
-    ctypedef struct Gray16Table:
+    ctypedef struct AreaTable:
         const int32_t *first
         const int32_t *source
         const int32_t *weight
 
-    size_t gray16_scratch(const AreaFrame *frame, int width)
-    void gray16_rows(const AreaFrame *frame, const Gray16Table *rows, const Gray16Table *columns,
-                     int first, int last, int width, double step, int32_t *scratch,
-                     uint16_t *out)
+    ctypedef struct TieTable:
+        const int32_t *first
+        const int32_t *source
+        const float *weight
+
+    ctypedef struct AreaTables:
+        AreaTable rows, columns
+        TieTable tie_rows, tie_columns
+        int width
+        double unit
+        float near_tie
+
+    size_t area_scratch(const AreaFrame *frame, int width)
+    void area_rows(const AreaFrame *frame, const AreaTables *tables, int first, int last,
+                   char *scratch, uint16_t *gray16, uint8_t *gray8)
 
 
 cdef extern from "quantization.h" nogil:
@@ -100,8 +99,10 @@ cdef extern from "quantization.h" nogil:
         double ratio_of, min_around, offset, top
 
     size_t quantize_scratch(const QuantizeSettings *settings, int width)
-    void quantize_rows(const Gray16Picture *picture, const QuantizeSettings *settings,
-                       double scale, int first, int last, double *scratch, uint8_t *out)
+    void summed_area(const Gray16Picture *picture, uint32_t *sums)
+    void quantize_rows(const uint32_t *sums, int height, int width,
+                       const QuantizeSettings *settings, double scale, int first, int last,
+                       double *scratch, uint8_t *out)
     void count_levels(const uint8_t *pixels, Py_ssize_t stride, int height, int width,
                       int64_t *counts)
 
@@ -204,7 +205,7 @@ cdef extern from *:
     """
 
 
-INTERFACE = 9
+INTERFACE = 10
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
@@ -334,19 +335,47 @@ cdef class GlcmScratch:
                                &self.keys[0], self.pairs, sums, &features[row * cols + col, 0])
 
 
-cdef class AreaTables:
-    """How the rows or columns of a frame make up those of a picture; see ``area.h``."""
-
+cdef AreaTable area_table(arrays):
     cdef AreaTable table
-    cdef const int32_t[::1] first, source
-    cdef const float[::1] weight
+    cdef const int32_t[::1] first = arrays[0], source = arrays[1], weight = arrays[2]
+    table.first, table.source, table.weight = &first[0], &source[0], &weight[0]
+    return table
 
-    def __init__(self, const int32_t[::1] first, const int32_t[::1] source,
-                 const float[::1] weight):
-        self.first, self.source, self.weight = first, source, weight
-        self.table.first = &self.first[0]
-        self.table.source = &self.source[0]
-        self.table.weight = &self.weight[0]
+
+cdef TieTable tie_table(arrays):
+    cdef TieTable table
+    cdef const int32_t[::1] first = arrays[0], source = arrays[1]
+    cdef const float[::1] weight = arrays[2]
+    table.first, table.source, table.weight = &first[0], &source[0], &weight[0]
+    return table
+
+
+cdef class GrayPictures:
+    """The gray pictures of one size of frames of one size; see ``area.h``."""
+
+    cdef AreaTables tables
+    cdef object kept
+
+    def __init__(self, rows, columns, tie_rows, tie_columns, int width, double unit,
+                 float near_tie):
+        self.kept = rows, columns, tie_rows, tie_columns
+        self.tables.rows, self.tables.columns = area_table(rows), area_table(columns)
+        self.tables.tie_rows, self.tables.tie_columns = tie_table(tie_rows), tie_table(tie_columns)
+        self.tables.width, self.tables.unit, self.tables.near_tie = width, unit, near_tie
+
+    def make_rows(self, const uint8_t[:, :, ::1] frame, uint16_t[:, ::1] gray16,
+                  uint8_t[:, ::1] gray8, int first, int last, Scratch scratch):
+        """Write rows first..last of the 16-bit picture and of the plain one, or of one of them."""
+        cdef AreaFrame view = area_frame(frame)
+        cdef char *memory = scratch.of(area_scratch(&view, self.tables.width))
+        cdef uint16_t *deep = NULL
+        cdef uint8_t *plain = NULL
+        if gray16 is not None:
+            deep = &gray16[0, 0]
+        if gray8 is not None:
+            plain = &gray8[0, 0]
+        with nogil:
+            area_rows(&view, &self.tables, first, last, memory, deep, plain)
 
 
 cdef AreaFrame area_frame(const uint8_t[:, :, ::1] frame) noexcept nogil:
@@ -355,41 +384,6 @@ cdef AreaFrame area_frame(const uint8_t[:, :, ::1] frame) noexcept nogil:
     view.stride = frame.shape[1] * frame.shape[2]
     view.width, view.channels = frame.shape[1], frame.shape[2]
     return view
-
-
-def area_gray(const uint8_t[:, :, ::1] frame, AreaTables rows, AreaTables columns, float near_tie,
-              uint8_t[:, ::1] out, int first, int last, Scratch scratch):
-    """Write rows first..last of a frame's gray picture."""
-    cdef AreaFrame view = area_frame(frame)
-    cdef float *memory = <float *>scratch.of(area_scratch(&view, out.shape[1]) * sizeof(float))
-    with nogil:
-        area_gray_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], near_tie,
-                       memory, &out[0, 0])
-
-
-cdef class Gray16Tables:
-    """The rows or columns of a frame that make up a 16-bit gray picture's; see ``gray16.h``."""
-
-    cdef Gray16Table table
-    cdef const int32_t[::1] first, source, weight
-
-    def __init__(self, const int32_t[::1] first, const int32_t[::1] source,
-                 const int32_t[::1] weight):
-        self.first, self.source, self.weight = first, source, weight
-        self.table.first = &self.first[0]
-        self.table.source = &self.source[0]
-        self.table.weight = &self.weight[0]
-
-
-def resized_gray16(const uint8_t[:, :, ::1] frame, Gray16Tables rows, Gray16Tables columns,
-                   double step, uint16_t[:, ::1] out, int first, int last, Scratch scratch):
-    """Write rows first..last of a frame's 16-bit gray picture."""
-    cdef AreaFrame view = area_frame(frame)
-    cdef size_t needed = gray16_scratch(&view, out.shape[1])
-    cdef int32_t *memory = <int32_t *>scratch.of(needed * sizeof(int32_t))
-    with nogil:
-        gray16_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], step, memory,
-                    &out[0, 0])
 
 
 cdef Gray16Picture gray16_picture(const uint16_t[:, ::1] gray16) noexcept nogil:
@@ -410,14 +404,21 @@ cdef class Quantizer:
         self.settings.ratio_of, self.settings.min_around = ratio_of, min_around
         self.settings.offset, self.settings.top = offset, top
 
-    def rows(self, const uint16_t[:, ::1] gray16, double scale, uint8_t[:, ::1] out, int first,
+    def rows(self, const uint32_t[:, ::1] sums, double scale, uint8_t[:, ::1] out, int first,
              int last, Scratch scratch):
         """Write rows first..last of the picture in levels."""
-        cdef Gray16Picture picture = gray16_picture(gray16)
-        cdef size_t needed = quantize_scratch(&self.settings, picture.width)
+        cdef size_t needed = quantize_scratch(&self.settings, out.shape[1])
         cdef double *memory = <double *>scratch.of(needed * sizeof(double))
         with nogil:
-            quantize_rows(&picture, &self.settings, scale, first, last, memory, &out[0, 0])
+            quantize_rows(&sums[0, 0], out.shape[0], out.shape[1], &self.settings, scale, first,
+                          last, memory, &out[0, 0])
+
+
+def summed_area_table(const uint16_t[:, ::1] gray16, uint32_t[:, ::1] sums):
+    """Write the sums of all pixels above and left of each corner."""
+    cdef Gray16Picture picture = gray16_picture(gray16)
+    with nogil:
+        summed_area(&picture, &sums[0, 0])
 
 
 def level_counts(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width,

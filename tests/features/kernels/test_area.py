@@ -34,6 +34,9 @@ def check(kernels: Kernels, frame: Image, height: int, width: int, threads: int 
     found = kernels.resized_gray(frame, height, width, threads)
     assert found.dtype == np.uint8 and found.shape == (height, width)
     assert np.array_equal(found, opencv(frame, height, width))
+    deep, plain = kernels.resized_grays(frame, height, width, threads)
+    assert np.array_equal(plain, found)
+    assert np.array_equal(deep, kernels.resized_gray16(frame, height, width))
     assert np.array_equal(frame, before)
 
 

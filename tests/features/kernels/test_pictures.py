@@ -90,7 +90,10 @@ def test_levels(kernels, data, levels, threads):
     height, width = data.draw(SIDES), data.draw(SIDES)
     frame = data.draw(painted((height, width, 3)))
     gray16 = REFERENCE.resized_gray16(frame, height, max(1, width // 2))
-    found = kernels.quantize(gray16, levels, threads)
+    sums = kernels.summed_area(gray16)
+    assert sums.dtype == np.uint32 and np.array_equal(sums, REFERENCE.summed_area(gray16))
+    found = kernels.quantize(gray16, levels, threads, sums)
+    assert np.array_equal(found, kernels.quantize(gray16, levels))
     assert found.dtype == np.uint8 and found.max() < levels.levels
     assert np.array_equal(found, REFERENCE.quantize(gray16, levels))
 
