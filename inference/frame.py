@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from tokt.features.common.arrays import U8
+from tokt.features.extractors.frame_pictures import FramePictures, SharedPictures
+from tokt.features.frames.grid import Grid
 from tokt.features.frames.view_mask import CameraMasks, ViewMask
 
 from .reason import NO_FAULT, Fault, Reason
@@ -50,6 +52,12 @@ class Frame:
     captured_t: float | None = None
     # What is no view of the pictures, which are as the cameras gave them.
     masks: CameraMasks | None = None
+    # What was made of its pictures so far, for whoever looks at them next.
+    shared: SharedPictures = field(default_factory=SharedPictures, repr=False, compare=False)
+
+    def pictures(self, side: str, grid: Grid, threads: int = 1) -> FramePictures:
+        """Pictures of one side, ``"left"`` or ``"right"``, which has one, on a grid."""
+        return self.shared.of(getattr(self, side), grid, threads)
 
     @cached_property
     def covered(self) -> Frame:

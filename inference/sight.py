@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8, Bools
-from tokt.features.extractors.frame_pictures import gray_picture
+from tokt.features.extractors.frame_pictures import FramePictures, SharedPictures
 from tokt.features.extractors.patch_detail import (
     MEASURES,
     PatchDetail,
@@ -41,7 +41,6 @@ from tokt.features.extractors.patch_detail import (
 )
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.view_mask import ViewMask
-from tokt.features.kernels.quantization import STEPS_PER_LEVEL
 from tokt.models.sight import (
     ANY_CAMERA,
     BRIGHT_PART,
@@ -199,17 +198,11 @@ _WHOLE = SightMap(np.zeros((10, 10), np.uint8))
 
 @dataclass(frozen=True)
 class _Measured:
-    """The map of the last picture of one side, and what it was measured on where that was given."""
+    """The map of the last picture of one side."""
 
-    number: int
-    t: float
     picture: U8
-    gray16: NDArray[np.uint16] | None
+    shared: SharedPictures  # the frame's: a source may give the next picture in the same memory
     sight: SightMap
-
-    def is_of(self, frame: Frame, picture: U8) -> bool:
-        """By its number as well: a source may give the next picture in the same memory."""
-        return (self.number, self.t) == (frame.number, frame.t) and self.picture is picture
 
 
 class SightMeter:
@@ -227,9 +220,7 @@ class SightMeter:
         self._last: dict[str, _Measured] = {}
         self._contrasts: deque[float] = deque(maxlen=CONTRAST_FRAMES)
 
-    def of(
-        self, frame: Frame, side: str = "left", gray16: NDArray[np.uint16] | None = None
-    ) -> SightMap:
+    def of(self, frame: Frame, side: str = "left") -> SightMap:
         """Map what is seen of a frame's picture, once for all detectors.
 
         Parameters
@@ -237,28 +228,15 @@ class SightMeter:
         frame : Frame
             Which has a picture on that side.
         side : {"left", "right"}
-        gray16 : array of uint16, optional
-            As `patch_detail` takes it.
         """
         picture, last = getattr(frame, side), self._last.get(side)
-        if last is None or not last.is_of(frame, picture):
-            sight, contrast = self._measured(picture, gray16, frame.mask(side))
+        if last is None or last.picture is not picture or last.shared is not frame.shared:
+            pictures = frame.pictures(side, detail_grid(picture.shape[1]))
+            sight, contrast = self._measured(picture, pictures, frame.mask(side))
             if side == "left" and contrast is not None:
                 sight = self._with_visibility(sight, contrast, *picture.shape[:2])
-            last = self._last[side] = _Measured(frame.number, frame.t, picture, gray16, sight)
+            last = self._last[side] = _Measured(picture, frame.shared, sight)
         return last.sight
-
-    def gray(self, frame: Frame, picture: U8, grid: Grid) -> U8:
-        """A frame's left picture, gray and as wide as a grid wants it.
-
-        It is the one that the frame's map was measured on, where that is as wide.
-        """
-        last = self._last.get("left")
-        if last is None or last.gray16 is None or not last.is_of(frame, picture):
-            return gray_picture(picture, grid)
-        if last.gray16.shape != grid.resized(*picture.shape[:2]):
-            return gray_picture(picture, grid)
-        return np.asarray((last.gray16 + STEPS_PER_LEVEL // 2) // STEPS_PER_LEVEL, np.uint8)
 
     def measure(self, picture: U8, mask: ViewMask | None = None) -> SightMap:
         """Map what is seen of a picture alone, uint8 (height, width) or (height, width, 3).
@@ -268,11 +246,11 @@ class SightMeter:
         return self._measured(picture, None, mask)[0]
 
     def _measured(
-        self, picture: U8, gray16: NDArray[np.uint16] | None, mask: ViewMask | None
+        self, picture: U8, pictures: FramePictures | None, mask: ViewMask | None
     ) -> tuple[SightMap, float | None]:
         """Map a picture, which is covered already where it has a mask; and give its contrast."""
         masked = masked_patches(picture, mask)
-        detail = patch_detail(picture, gray16, masked)
+        detail = patch_detail(picture, pictures, masked)
         if detail is None:
             return _WHOLE, None
         height, width = picture.shape[:2]

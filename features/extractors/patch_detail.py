@@ -16,7 +16,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import F64, I64, U8, U16, Bools
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.frames.view_mask import ViewMask
 from tokt.features.kernels.dispatch import KERNELS
@@ -96,7 +96,7 @@ def masked_patches(frame: U8, mask: ViewMask | None) -> Bools | None:
 
 
 def patch_detail(
-    frame: U8, gray16: U16 | None = None, masked: Bools | None = None
+    frame: U8, pictures: FramePictures | None = None, masked: Bools | None = None
 ) -> PatchDetail | None:
     """Measure a frame's patches.
 
@@ -104,8 +104,8 @@ def patch_detail(
     ----------
     frame : array of uint8, shape (height, width) or (height, width, 3)
         As the camera gave it.
-    gray16 : array of uint16, optional
-        `FramePictures.gray16` of this frame on `detail_grid`, where the caller has it.
+    pictures : FramePictures, optional
+        Those of this frame on `detail_grid`, where the caller has them.
     masked : array of bool, shape (rows, cols), optional
         As `masked_patches` gives it: these say nothing about those beside them, and have the mean
         of the others.
@@ -122,8 +122,7 @@ def patch_detail(
     least_px = _LEAST_PATCH_PX * max(grid.rows, grid.cols)
     if rows is None or min(small) < least_px or math.prod(small) > MAX_PICTURE:
         return None
-    if gray16 is None:
-        gray16 = FramePictures(frame, grid).gray16
+    gray16 = (pictures or FramePictures(frame, grid)).gray16
     sums = KERNELS.difference_sums(frame, rows.ravel(), grid.cols, _LAGS)
     sums = sums.reshape(*rows.shape, grid.cols, -1)
     channels = frame.shape[2] if frame.ndim == 3 else 1

@@ -22,7 +22,6 @@ from .grid import Grid
 FEWEST_PICTURES = 12
 """Of fewer that are far apart some edges agree by chance; of such a number in a row, those of what
 is near hardly move: in the sea trial of 20 April 2016 4 of 94 times, of 30 none."""
-_WIDTH = 360  # pixels of the pictures that are compared
 _AROUND_PX = 15  # what changes over more than this is the light
 _STRENGTH = 4.0  # grey levels a pixel: far above what is left of noise
 _FIXED = 0.9  # a sharp edge that sways by half a pixel has less
@@ -37,9 +36,9 @@ class FixedMarks:
         self.count = 0
         self._sums: F32 | None = None  # (3, height, width): gradients across, down, their length
 
-    def add(self, picture: U8) -> None:
-        """Take in one more picture, uint8 (height, width) or (height, width, 3)."""
-        edges = _edges(picture)
+    def add(self, gray: U8) -> None:
+        """Take in one more picture, gray and 360 wide, uint8 (height, width)."""
+        edges = _edges(gray)
         if self._sums is None or self._sums.shape != edges.shape:
             self._sums, self.count = np.zeros_like(edges), 0
         self._sums += edges
@@ -62,13 +61,7 @@ class FixedMarks:
         return none if marked.mean() > _MOST else np.asarray(marked)
 
 
-def _edges(picture: U8) -> F32:
-    high, wide = picture.shape[:2]
-    if wide > _WIDTH:
-        size = _WIDTH, max(high * _WIDTH // wide, 1)
-        # A mean of what each pixel covers would take twenty times as long.
-        picture = np.asarray(cv2.resize(picture, size), np.uint8)
-    gray = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+def _edges(gray: U8) -> F32:
     fine = gray.astype(np.float32)
     fine -= cv2.blur(fine, (_AROUND_PX, _AROUND_PX))
     across, down = (

@@ -120,7 +120,7 @@ _MAX_SUM = (1 << 32) - 1  # of 32 bits
 
 
 def _sums_fit(frame: U8) -> bool:
-    return 255 * frame.shape[0] * frame.shape[1] <= _MAX_SUM
+    return bool(255 * frame.shape[0] * frame.shape[1] <= _MAX_SUM)
 
 
 def _is_own_area(frame: U8, height: int, width: int) -> bool:
@@ -130,7 +130,7 @@ def _is_own_area(frame: U8, height: int, width: int) -> bool:
     """
     down = max(frame.shape[0] / height, frame.shape[1] / width)
     small = down <= _MAX_REDUCTION and max(height, width) < _MAX_SIDE and _sums_fit(frame)
-    return _KNOWN_ORDER and bool(small) and is_area_sum(frame.shape, height, width)
+    return _KNOWN_ORDER and small and is_area_sum(frame.shape, height, width)
 
 
 @lru_cache(maxsize=16)

@@ -49,7 +49,7 @@ class FixedMarksWatch(Observer):
             picture = getattr(frame.covered, camera)
             if picture is None or shape_fault(picture):
                 continue
-            marks.add(picture)
+            marks.add(frame.covered.pictures(camera, DEFAULT_GRID).rounded)
             if marks.count % FEWEST_PICTURES == 0:
                 self._tell_new(camera, marks.patches(DEFAULT_GRID))
 

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cv2
@@ -36,7 +36,6 @@ from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.config import ALL, NEAR
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.sight import SightMeter
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict, health_of, unknown_verdict
 
 from .flow import MIN_SIDE_PX, FlowPicture, PointFlow, common_motion, follow
@@ -87,7 +86,6 @@ class MovingThings:
 
     policy: Policy
     avoid: str = NEAR  # `tokt.inference.config.MOVING`
-    sight: SightMeter = field(default_factory=SightMeter)  # which may have the picture already
 
     def __post_init__(self) -> None:
         self._sediment = SedimentWatch()
@@ -128,7 +126,7 @@ class MovingThings:
             return None
         if min(frame.left.shape[:2]) < MIN_SIDE_PX:
             return None
-        gray = self.sight.gray(frame, frame.left, PATCHES)
+        gray = frame.pictures("left", PATCHES).rounded
         return gray if gray.shape[0] >= MIN_SIDE_PX else None
 
     def _follow(self, frame: Frame, gray: U8, mask: U8) -> None:

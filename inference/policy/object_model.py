@@ -14,7 +14,7 @@ import numpy as np
 
 from tokt.features.common.arrays import F32, F64, U8
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.extractors.frame_pictures import SharedPictures
 from tokt.features.extractors.textures import LOG, NEAREST, Glcm, Join, Lbp
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.quantization import FRAME, Quantization
@@ -42,14 +42,17 @@ class ObjectPlace(NamedTuple):
     match: float  # correlation of the fine detail there, -1 to 1
 
 
-def detail_picture(picture: U8) -> U8:
-    """What all is learnt and found by, `WIDTH` wide; ToktError if its shape is no camera's."""
+def detail_picture(picture: U8, shared: SharedPictures | None = None) -> U8:
+    """What all is learnt and found by, `WIDTH` wide; ToktError if its shape is no camera's.
+
+    `shared` are the pictures of its frame that were made already.
+    """
     height, width = picture.shape[:2]
     if not 0.1 < height / width < 10:
         raise ToktError(f"no picture of a camera is {width}x{height}")
     if width < WIDTH:
         picture = np.asarray(cv2.resize(picture, (WIDTH, round(height * WIDTH / width))), np.uint8)
-    return FramePictures(picture, Grid(1, 1, WIDTH)).picture(_DETAIL)
+    return (shared or SharedPictures()).of(picture, Grid(1, 1, WIDTH)).picture(_DETAIL)
 
 
 def inside(box: Box, shape: tuple[int, ...]) -> tuple[slice, slice]:

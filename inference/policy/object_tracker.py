@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tokt.features.common.arrays import U8
+from tokt.features.extractors.frame_pictures import SharedPictures
 from tokt.inference.frame import shape_fault
 
 from .object_model import ObjectModel, ObjectPlace, detail_picture
@@ -59,15 +60,17 @@ class ObjectTracker:
         picture: U8 | None,
         missed: int = 0,
         distance: Callable[[ObjectPlace], float | None] = lambda _: None,
+        shared: SharedPictures | None = None,
     ) -> ObjectPlace | None:
         """Where the object is in the next frame; None unless it is held.
 
-        `missed` frames are missing before it; `distance` gives metres to what is at a place.
+        `missed` frames are missing before it; `distance` gives metres to what is at a place;
+        `shared` are pictures of the frame that were made already.
         """
         if self.state == LOST:
             return None
         self._unseen += missed
-        place = self._place(picture, missed)
+        place = self._place(picture, missed, shared)
         metres = None if place is None else distance(place)
         if place is None or not self._is_same(place, metres):
             self._unseen, self._found = self._unseen + 1, []
@@ -86,14 +89,16 @@ class ObjectTracker:
             self._own.append(place.size + math.log(metres))
         return place
 
-    def _place(self, picture: U8 | None, missed: int) -> ObjectPlace | None:
+    def _place(
+        self, picture: U8 | None, missed: int, shared: SharedPictures | None
+    ) -> ObjectPlace | None:
         """Where it is in a picture, if that is sure."""
         if picture is None or shape_fault(picture):
             return None
         self.misfit = not self.model.fits(picture)
         if self.misfit:
             return None
-        model, detail, least = self.model, detail_picture(picture), MATCH_FINDS
+        model, detail, least = self.model, detail_picture(picture, shared), MATCH_FINDS
         followed = not self._found and self._unseen <= QUEUE
         if followed:
             place = model.find(detail, *self._course([*self._centres], int(self._unseen)))

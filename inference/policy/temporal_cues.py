@@ -413,7 +413,10 @@ class TemporalCues:
             return AnchorErrors() if anchor is None else anchor.errors(judgement.verdict), None
         model = tracker.model
         place = tracker.look(
-            *(frame.left, frame.missed), lambda at: _distance_m(judgement, model.box_at(at))
+            frame.left,
+            frame.missed,
+            distance=lambda at: _distance_m(judgement, model.box_at(at)),
+            shared=frame.shared,
         )
         if place is None:
             return AnchorErrors(), None

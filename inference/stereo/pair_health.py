@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, U8
+from tokt.features.extractors.patch_detail import detail_grid
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
@@ -176,12 +177,17 @@ class Unfit:
 def unfit_pictures(
     sight: SightMeter, frame: Frame, small: Sequence[NDArray[np.uint16] | None]
 ) -> Unfit:
-    """Find the picture of which too much is not seen; `small` are as `SightMeter.of` takes them."""
+    """Find the picture of which too much is not seen.
+
+    `small` are left and right in 1/256 grey level on `detail_grid`, where they are made already.
+    """
     left, right = frame.left, frame.right
     if left is None or right is None:
         return Unfit()
-    for side, gray16 in zip(("left", "right"), small, strict=True):
-        if fault := sight.of(frame, side, gray16).fault:
+    for side, picture, gray16 in zip(("left", "right"), (left, right), small, strict=True):
+        if gray16 is not None:
+            frame.pictures(side, detail_grid(picture.shape[1])).offer(gray16)
+        if fault := sight.of(frame, side).fault:
             return Unfit(fault.about(side), vetoes_clear=side == "left")
     if np.array_equal(left[::_ROW_STEP], right[::_ROW_STEP]):
         one = "the left and right frames are one and the same picture"

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tokt.features.common.arrays import F64, Bools
-from tokt.features.extractors.frame_pictures import FramePictures
-from tokt.features.extractors.patch_detail import detail_grid
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
@@ -150,11 +148,9 @@ class TextureDetector:
         if words := size_fault(height, width, self.scorer.frame_sizes):
             return self._unjudged(Fault(Reason.WRONG_SIZE, words))
         grid = self.scorer.grid
-        # Resized once, for the check and for the features: it costs as much as these.
-        pictures = FramePictures(frame.left, grid, threads=self.threads)
-        # The small gray picture serves the features, too.
-        as_wide = grid.width == detail_grid(width).width
-        sight = self._sight.of(frame, gray16=pictures.gray16 if as_wide else None)
+        pictures = frame.pictures("left", grid, self.threads)
+        pictures.prepare(self.scorer.images)
+        sight = self._sight.of(frame)
         mask, size = frame.mask("left"), grid.resized(*frame.left.shape[:2])
         view = None if mask is None else ~mask.patches(grid, *size).ravel()
         if sight.is_blind or (view is not None and not view.any()):

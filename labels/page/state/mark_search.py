@@ -7,8 +7,9 @@ from contextlib import suppress
 import numpy as np
 
 from tokt.features.common.errors import ToktError
+from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.fixed_marks import FixedMarks
-from tokt.features.frames.grid import Grid
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.mission import Mission
 from tokt.labels.page.background import Background
 from tokt.labels.page.frames import for_background, read_frame
@@ -58,7 +59,8 @@ class MarkSearch:
         frame = next(frames, None)
         if frame is not None:
             with suppress(ToktError):  # it cannot be read: the others are enough
-                marks.add(read_frame(self._mission, camera, frame))
+                picture = read_frame(self._mission, camera, frame)
+                marks.add(FramePictures(picture, DEFAULT_GRID).rounded)
             return True
         patches = marks.patches(self._grid)
         with self._lock:

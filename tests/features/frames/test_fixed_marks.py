@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.fixed_marks import FEWEST_PICTURES, FixedMarks
 from tokt.features.frames.grid import Grid
 
@@ -12,14 +13,13 @@ GRID = Grid()
 def fixed_patches(pictures, grid):
     marks = FixedMarks()
     for picture in pictures:
-        marks.add(picture)
+        marks.add(FramePictures(picture, GRID).rounded)
     return marks.patches(grid)
 
 
-def frames(count, step_px, marked=True, width=640, structure=True):
+def frames(count, step_px, marked=True, width=640, structure=True, height=480):
     """A structure that goes through the picture, in noise, and a clock at the upper right."""
     rng = np.random.default_rng(2)
-    height = width * 3 // 4
     wall = rng.normal(0, 20, (height // 8, width // 8 + 400)).repeat(8, 0).repeat(8, 1)
     for number in range(count):
         picture = rng.normal(60, 3, (height, width))
@@ -53,5 +53,5 @@ def test_nothing_is_said_of_few_pictures_or_of_a_scene_that_stands_still():
 
 
 def test_pictures_of_another_size_begin_anew():
-    many = [*frames(20, 5.0), *frames(FEWEST_PICTURES - 1, 5.0, width=320)]
+    many = [*frames(20, 5.0), *frames(FEWEST_PICTURES - 1, 5.0, height=400)]
     assert not fixed_patches(many, GRID).any()

@@ -19,7 +19,6 @@ from tokt.features.common.arrays import F64, U8
 from tokt.features.common.errors import FrameError
 from tokt.features.common.machine import machine
 from tokt.features.extractors.extractor import Extractor
-from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.image_file import decode_image
 from tokt.features.frames.mission import LEFT, RIGHT
 from tokt.inference.config import DEFAULT_SCALE
@@ -243,16 +242,17 @@ def tokt_texture(
 
     def run(item: EncodedPair, laps: Laps) -> Verdict:
         frame = _decoded(item.left, laps)
-        pictures = FramePictures(frame, GRID)
-        gray16 = pictures.gray16
+        shown = Frame(0, 0.0, frame, None)
+        pictures = shown.pictures("left", GRID)
+        pictures.prepare(extractor.images)
         laps.lap("resize")
-        SightMeter().of(Frame(0, 0.0, frame, None), gray16=gray16)
+        SightMeter().of(shown)
         laps.lap(REST)
         features = extractor.describe_pictures(pictures)
         laps.lap("features")
         white = model.obstacle_patches(model.decision_values(features))
         laps.lap("predict")
-        verdict = verdict_from_mask(GRID.paint(white, *gray16.shape), "texture")
+        verdict = verdict_from_mask(GRID.paint(white, *pictures.size), "texture")
         laps.lap(REST)
         return verdict
 
