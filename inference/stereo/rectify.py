@@ -33,6 +33,8 @@ def rectifying(calibration: StereoCalibration) -> tuple[F64, ...]:
 def rectified(points: NDArray[Any], K: F64, D: F64, R: F64, P: F64) -> F64:
     """Where points (n, 2) of a camera's frame lie in its rectified view, both in pixels."""
     seen = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
+    if not len(seen):
+        return np.empty((0, 2))
     # By default it stops after 5 steps, which strong distortion at the edge outlasts.
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
     places = cv2.undistortPoints(seen, K, D, None, R, P, criteria)
