@@ -134,11 +134,13 @@ def _is_own_area(frame: U8, height: int, width: int) -> bool:
 
 
 @lru_cache(maxsize=16)
-def _exact_table(source: int, target: int) -> tuple[NDArray[np.int32], ...]:
-    first, weight = overlaps(source, target)
-    counts = np.count_nonzero(weight, axis=0)
-    starts = np.concatenate([[0], counts.cumsum()])
-    return tuple(each.astype(np.int32) for each in (starts, first, weight.T[weight.T > 0]))
+def _exact_table(source: int, target: int) -> tuple[Any, ...]:
+    """First pixel, number of whole ones, weights of the first and the last, and of a whole one."""
+    pixels, weights = overlaps(source, target)
+    counts = np.count_nonzero(weights, axis=0)
+    last = np.where(counts > 1, weights[counts - 1, np.arange(target)], 0)
+    columns = pixels, np.maximum(counts - 2, 0), weights[0], last
+    return *(column.astype(np.int32) for column in columns), target
 
 
 @lru_cache(maxsize=16)

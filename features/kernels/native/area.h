@@ -32,15 +32,14 @@ typedef struct {
     int width, channels;
 } AreaFrame;
 
-/* Which input rows (or columns) make one output row: those from `source`, one for each weight. All
- * weights of one output but the first and the last are the same. */
+/* Which input rows (or columns) make one output row: a part of the first, `inner` whole ones, and a
+ * part of the last, which is 0 where there is no last one. */
 typedef struct {
-    const int32_t *first;  /* [outputs + 1]: where an output's weights begin */
-    const int32_t *source; /* [outputs]: its first input */
-    const int32_t *weight; /* [all weights] */
+    const int32_t *source, *inner, *first, *last; /* [outputs] */
+    int32_t whole;                                /* weight of a whole one */
 } AreaTable;
 
-/* The same with the weights of OpenCV, in single precision. */
+/* The same with the weights of OpenCV, in single precision: those of an output begin at `first`. */
 typedef struct {
     const int32_t *first, *source;
     const float *weight;
@@ -65,81 +64,77 @@ static size_t area_scratch(const AreaFrame *frame, int width) {
  * three whole ones, which are added as whole numbers, and a part of the last: one pass. */
 TOKT_BODY void area_add_rows(const AreaFrame *frame, const AreaTable *rows, int y,
                              int32_t *TOKT_RESTRICT sums) {
-    const int32_t *weight = rows->weight + rows->first[y];
-    int n = frame->width * frame->channels, count = rows->first[y + 1] - rows->first[y];
+    int n = frame->width * frame->channels, inner = rows->inner[y];
+    int32_t part = rows->first[y], whole = rows->whole, last = rows->last[y];
     const uint8_t *TOKT_RESTRICT a = frame->pixels + rows->source[y] * frame->stride;
-    int32_t part = weight[0], last = weight[count - 1];
-    if (count == 4) {
-        const uint8_t *TOKT_RESTRICT b = a + frame->stride, *TOKT_RESTRICT c = b + frame->stride;
-        const uint8_t *TOKT_RESTRICT d = c + frame->stride;
-        int32_t whole = weight[1];
-        for (int x = 0; x < n; x++) sums[x] = part * a[x] + whole * (b[x] + c[x]) + last * d[x];
-    } else if (count == 5) {
-        const uint8_t *TOKT_RESTRICT b = a + frame->stride, *TOKT_RESTRICT c = b + frame->stride;
-        const uint8_t *TOKT_RESTRICT d = c + frame->stride, *TOKT_RESTRICT e = d + frame->stride;
-        int32_t whole = weight[1];
+    const uint8_t *TOKT_RESTRICT end = last ? a + (inner + 1) * frame->stride : a;
+    const uint8_t *TOKT_RESTRICT b = a + frame->stride, *TOKT_RESTRICT c = b + frame->stride;
+    const uint8_t *TOKT_RESTRICT d = c + frame->stride;
+    if (inner == 2) {
+        for (int x = 0; x < n; x++) sums[x] = part * a[x] + whole * (b[x] + c[x]) + last * end[x];
+    } else if (inner == 3) {
         for (int x = 0; x < n; x++)
-            sums[x] = part * a[x] + whole * (b[x] + c[x] + d[x]) + last * e[x];
+            sums[x] = part * a[x] + whole * (b[x] + c[x] + d[x]) + last * end[x];
     } else {
-        for (int x = 0; x < n; x++) sums[x] = part * a[x];
-        for (int row = 1; row < count; row++) {
+        for (int x = 0; x < n; x++) sums[x] = part * a[x] + last * end[x];
+        for (int row = 1; row <= inner; row++) {
             const uint8_t *TOKT_RESTRICT in = a + row * frame->stride;
-            int32_t more = weight[row];
-            for (int x = 0; x < n; x++) sums[x] += more * in[x];
+            for (int x = 0; x < n; x++) sums[x] += whole * in[x];
         }
     }
 }
 
-#if defined(__GNUC__)
+/* Ask for what is needed next of the frame, the rows of the picture's row `next`, a cache line a
+ * pixel: columns are added up while memory could deliver. */
+TOKT_BODY void area_prefetch(const AreaFrame *frame, const AreaTable *rows, int next, ptrdiff_t x) {
+    ptrdiff_t at = x * AREA_CACHE_LINE;
+    if (at < (rows->inner[next] + 2) * frame->stride)
+        TOKT_PREFETCH(frame->pixels + rows->source[next] * frame->stride + at);
+}
+
+/* Add up the columns of a gray frame's `sums` that make each pixel of the picture's row. */
+TOKT_BODY void area_add_gray(const AreaTables *tables, const int32_t *sums,
+                             uint32_t *TOKT_RESTRICT out) {
+    const AreaTable *columns = &tables->columns;
+    for (ptrdiff_t x = 0; x < tables->width; x++) {
+        const int32_t *in = sums + columns->source[x];
+        int inner = columns->inner[x];
+        uint32_t whole = 0;
+        for (int i = 1; i <= inner; i++) whole += (uint32_t)in[i];
+        out[x] = (uint32_t)columns->first[x] * (uint32_t)in[0] + (uint32_t)columns->whole * whole +
+                 (uint32_t)columns->last[x] * (uint32_t)in[inner + 1];
+    }
+}
+
 /* Blue, green and red side by side; the fourth value is the next pixel's. */
+#if defined(__GNUC__)
 typedef uint32_t AreaPixel __attribute__((vector_size(16), aligned(4), may_alias));
+#define AREA_ADD(sum, factor, at) sum += (factor) * *(const AreaPixel *)(at)
 #else
 typedef struct {
-    uint32_t value[AREA_LANES];
+    uint32_t of[AREA_LANES];
 } AreaPixel;
+#define AREA_ADD(sum, factor, at) \
+    for (int lane = 0; lane < AREA_LANES; lane++) (sum).of[lane] += (factor) * (uint32_t)(at)[lane]
 #endif
 
-/* Add up columns of `sums` with their weights: one pixel of the picture. */
-TOKT_BODY AreaPixel area_pixel(const int32_t *in, const int32_t *weight, int count) {
-    AreaPixel sum;
-    uint32_t first = (uint32_t)weight[0], whole = (uint32_t)weight[count > 1],
-             last = count > 1 ? (uint32_t)weight[count - 1] : 0;
-    const int32_t *end = in + 3 * (count > 1 ? count - 1 : 0);
-#if defined(__GNUC__)
-    AreaPixel inner = {0};
-    for (const int32_t *at = in + 3; at < end; at += 3) inner += *(const AreaPixel *)at;
-    sum = first * *(const AreaPixel *)in + whole * inner + last * *(const AreaPixel *)end;
-#else
-    for (int lane = 0; lane < AREA_LANES; lane++) {
-        uint32_t inner = 0;
-        for (const int32_t *at = in + 3; at < end; at += 3) inner += (uint32_t)at[lane];
-        sum.value[lane] = first * (uint32_t)in[lane] + whole * inner + last * (uint32_t)end[lane];
-    }
-#endif
-    return sum;
-}
-
-/* Add up the columns of `sums` that make each pixel of the picture's row. What is needed next of
- * the frame, the rows of the picture's row `next`, is asked for meanwhile: this loop computes while
- * memory could deliver. */
-TOKT_BODY void area_add_columns(const AreaFrame *frame, const AreaTables *tables, int next,
+/* The same of a BGR frame. */
+TOKT_BODY void area_add_colours(const AreaFrame *frame, const AreaTables *tables, int next,
                                 const int32_t *sums, uint32_t *TOKT_RESTRICT out) {
-    const AreaTable *rows = &tables->rows, *columns = &tables->columns;
-    const uint8_t *ahead = frame->pixels + rows->source[next] * frame->stride;
-    ptrdiff_t n_ahead = (rows->first[next + 1] - rows->first[next]) * frame->stride;
+    const AreaTable *columns = &tables->columns;
+    const int32_t *sources = columns->source, *inners = columns->inner;
+    const int32_t *firsts = columns->first, *lasts = columns->last;
+    uint32_t whole = (uint32_t)columns->whole;
     for (ptrdiff_t x = 0; x < tables->width; x++) {
-        if (x * AREA_CACHE_LINE < n_ahead) TOKT_PREFETCH(ahead + x * AREA_CACHE_LINE);
-        const int32_t *in = sums + (ptrdiff_t)columns->source[x] * frame->channels;
-        const int32_t *weight = columns->weight + columns->first[x];
-        int count = columns->first[x + 1] - columns->first[x];
-        if (frame->channels == 1) {
-            uint32_t sum = 0;
-            for (int i = 0; i < count; i++) sum += (uint32_t)weight[i] * (uint32_t)in[i];
-            out[x] = sum;
-            continue;
-        }
-        AreaPixel pixel = area_pixel(in, weight, count);
-        memcpy(out + AREA_LANES * x, &pixel, sizeof pixel);
+        area_prefetch(frame, &tables->rows, next, x);
+        const int32_t *in = sums + 3 * (ptrdiff_t)sources[x], *end = in + 3 * inners[x];
+        AreaPixel sum = {0};
+        for (const int32_t *at = in + 3; at <= end; at += 3) AREA_ADD(sum, 1, at);
+        AreaPixel all = {0};
+        AREA_ADD(all, whole, (const int32_t *)&sum);
+        AREA_ADD(all, (uint32_t)firsts[x], in);
+        AREA_ADD(all, (uint32_t)lasts[x], end + 3);
+        memcpy(out + AREA_LANES * x, &all, sizeof all);
     }
 }
 
@@ -239,7 +234,10 @@ TOKT_BODY void area_rows_body(const AreaFrame *frame, const AreaTables *tables, 
     for (int lane = 1; lane <= AREA_LANES; lane++) sums[n - lane] = 0;
     for (int y = first; y < last; y++) {
         area_add_rows(frame, &tables->rows, y, sums);
-        area_add_columns(frame, tables, y + 1 < last ? y + 1 : y, sums, along);
+        if (frame->channels == 1)
+            area_add_gray(tables, sums, along);
+        else
+            area_add_colours(frame, tables, y + 1 < last ? y + 1 : y, sums, along);
         if (gray16) area_gray16(along, frame->channels, width, tables->unit, gray, gray16 + y * width);
         if (gray8) area_gray8(frame, tables, y, along, levels, plain, gray8 + y * width);
     }

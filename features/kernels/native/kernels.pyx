@@ -68,9 +68,11 @@ cdef extern from "area.h" nogil:
         int width, channels
 
     ctypedef struct AreaTable:
-        const int32_t *first
         const int32_t *source
-        const int32_t *weight
+        const int32_t *inner
+        const int32_t *first
+        const int32_t *last
+        int32_t whole
 
     ctypedef struct TieTable:
         const int32_t *first
@@ -337,8 +339,10 @@ cdef class GlcmScratch:
 
 cdef AreaTable area_table(arrays):
     cdef AreaTable table
-    cdef const int32_t[::1] first = arrays[0], source = arrays[1], weight = arrays[2]
-    table.first, table.source, table.weight = &first[0], &source[0], &weight[0]
+    cdef const int32_t[::1] source = arrays[0], inner = arrays[1], first = arrays[2]
+    cdef const int32_t[::1] last = arrays[3]
+    table.source, table.inner, table.first = &source[0], &inner[0], &first[0]
+    table.last, table.whole = &last[0], arrays[4]
     return table
 
 

@@ -90,21 +90,26 @@ TOKT_BODY void lines_load(const LineStrip *strip, const PatchedPicture *picture,
     }
 }
 
-/* Make lines of 2n samples of lines of n: `ahead` values on, another one begins. Sums whose second
+/* Make lines of 2n samples of lines of n: a step of n samples on, another one begins. Done are the
+ * rows in which the longest lines, of `most` samples, or any part of them begin; sums whose second
  * line begins beyond the strip are never looked at. */
-TOKT_BODY void lines_double(const LineStrip *strip, int n, ptrdiff_t ahead) {
+TOKT_BODY void lines_double(const LineStrip *strip, int n, int most, const int step[2]) {
+    ptrdiff_t ahead = n * ((ptrdiff_t)step[0] * strip->stride + step[1]);
+    ptrdiff_t from = strip->reach - most / 2 * step[0];
+    ptrdiff_t to = (from + strip->height + (most - 2 * n) * step[0]) * strip->stride;
     ptrdiff_t end = (ptrdiff_t)strip->rows * strip->stride - ahead;
     int16_t *line = strip->line;
+    if (to < end) end = to;
     if (n == 1) {
         const int16_t *TOKT_RESTRICT in = strip->signed_levels;
         int16_t *TOKT_RESTRICT out = line;
-        for (ptrdiff_t i = 0; i < end; i++) out[i] = (int16_t)(in[i] + in[i + ahead]);
-        memset(out + (end > 0 ? end : 0), 0,
-               ((size_t)strip->rows * strip->stride - (end > 0 ? end : 0)) * sizeof(int16_t));
+        for (ptrdiff_t i = from * strip->stride; i < end; i++)
+            out[i] = (int16_t)(in[i] + in[i + ahead]);
         return;
     }
     TOKT_READS_AHEAD
-    for (ptrdiff_t i = 0; i < end; i++) line[i] = (int16_t)(line[i] + line[i + ahead]);
+    for (ptrdiff_t i = from * strip->stride; i < end; i++)
+        line[i] = (int16_t)(line[i] + line[i + ahead]);
 }
 
 /* Add up columns of some rows of pixels by patch. */
@@ -123,6 +128,35 @@ TOKT_BODY void lines_add_up(const LineStrip *strip, const PatchedPicture *pictur
     }
 }
 
+/* Take a row of lines into what is added up by column, and into the largest. */
+TOKT_BODY void lines_take_row(const LineStrip *strip, const int16_t *TOKT_RESTRICT line,
+                              int16_t *TOKT_RESTRICT largest, int width) {
+    uint32_t *TOKT_RESTRICT squares = strip->squares;
+    int32_t *TOKT_RESTRICT plain = strip->plain;
+    for (int x = 0; x < width; x++) {
+        int16_t sum = line[x], before = largest[x];
+        squares[x] += (uint32_t)((int32_t)sum * sum);
+        plain[x] -= sum;
+        largest[x] = sum > before ? sum : before;
+    }
+}
+
+/* The same of two rows at once, whose sums of at most 64 levels fit 16 bits together. */
+TOKT_BODY void lines_take_two(const LineStrip *strip, const int16_t *TOKT_RESTRICT upper,
+                              int16_t *TOKT_RESTRICT largest, int width) {
+    uint32_t *TOKT_RESTRICT squares = strip->squares;
+    int32_t *TOKT_RESTRICT plain = strip->plain;
+    const int16_t *TOKT_RESTRICT lower = upper + strip->stride;
+    int16_t *TOKT_RESTRICT below = largest + width;
+    for (int x = 0; x < width; x++) {
+        int16_t one = upper[x], other = lower[x];
+        squares[x] += (uint32_t)((int32_t)one * one) + (uint32_t)((int32_t)other * other);
+        plain[x] -= (int16_t)(one + other);
+        largest[x] = one > largest[x] ? one : largest[x];
+        below[x] = other > below[x] ? other : below[x];
+    }
+}
+
 /* Take one direction's lines of n samples into the largest, and the sums of all patches. */
 TOKT_BODY void lines_take(const LineStrip *strip, const PatchedPicture *picture,
                           const LineKinds *kinds, int kind, int direction, int64_t *sums) {
@@ -132,26 +166,25 @@ TOKT_BODY void lines_take(const LineStrip *strip, const PatchedPicture *picture,
     ptrdiff_t step = (ptrdiff_t)kinds->count * LINE_SUMS;
     /* Rows whose squares fit 32 bits together. */
     uint32_t most = UINT32_MAX / ((uint32_t)(255 * n) * (uint32_t)(255 * n));
-    uint32_t *TOKT_RESTRICT squares = strip->squares;
-    int32_t *TOKT_RESTRICT plain = strip->plain;
     for (int y = 0; y < strip->height;) {
         int stop = (y / patch_height + 1) * patch_height;
         if ((uint32_t)(stop - y) > most) stop = y + (int)most;
-        memset(squares, 0, width * sizeof(uint32_t));
-        memset(plain, 0, width * sizeof(int32_t));
+        memset(strip->squares, 0, width * sizeof(uint32_t));
+        memset(strip->plain, 0, width * sizeof(int32_t));
         int64_t *out = sums + ((ptrdiff_t)(y / patch_height) * picture->cols * kinds->count + kind) *
                                   LINE_SUMS;
-        for (; y < stop; y++) {
-            const int16_t *TOKT_RESTRICT line = strip->line + begin + (ptrdiff_t)y * strip->stride;
-            int16_t *TOKT_RESTRICT largest =
-                strip->largest + ((size_t)kind * strip->height + y) * width;
-            if (direction == 0) memcpy(largest, line, width * sizeof(int16_t));
-            for (int x = 0; x < width; x++) {
-                int16_t sum = line[x], before = largest[x];
-                squares[x] += (uint32_t)((int32_t)sum * sum);
-                plain[x] -= sum;
-                largest[x] = sum > before ? sum : before;
-            }
+        while (y < stop) {
+            const int16_t *line = strip->line + begin + (ptrdiff_t)y * strip->stride;
+            int16_t *largest = strip->largest + ((size_t)kind * strip->height + y) * width;
+            int rows = y + 1 < stop ? 2 : 1;
+            for (int row = 0; direction == 0 && row < rows; row++)
+                memcpy(largest + (size_t)row * width, line + row * strip->stride,
+                       width * sizeof(int16_t));
+            if (rows == 2)
+                lines_take_two(strip, line, largest, width);
+            else
+                lines_take_row(strip, line, largest, width);
+            y += rows;
         }
         lines_add_up(strip, picture, direction, step, out);
     }
@@ -186,9 +219,8 @@ TOKT_BODY void lines_rows_body(const PatchedPicture *picture, const LineKinds *k
         lines_lay_out(&strip, picture, kinds, row, end, scratch);
         lines_load(&strip, picture, kinds->middle);
         for (int direction = 0; direction < LINE_DIRECTIONS; direction++) {
-            ptrdiff_t ahead = (ptrdiff_t)line_steps[direction][0] * strip.stride + line_steps[direction][1];
-            for (int n = 1, kind = 0; kind < kinds->count; n *= 2, ahead *= 2) {
-                lines_double(&strip, n, ahead);
+            for (int n = 1, kind = 0; kind < kinds->count; n *= 2) {
+                lines_double(&strip, n, kinds->samples[kinds->count - 1], line_steps[direction]);
                 if (kinds->samples[kind] == 2 * n)
                     lines_take(&strip, picture, kinds, kind++, direction, out);
             }

@@ -100,7 +100,11 @@ TOKT_BODY void nearest_count(const NearestBlock *block, int patches, int patch_w
         memset(counts, 0, sizeof counts);
         for (int row = 0; row < block->height; row++) {
             const uint8_t *codes = block->codes + (size_t)row * block->wide + column;
-            for (int x = 0; x < patch_width; x++) counts[x & 1][codes[x]]++;
+            for (int x = 0; x + 1 < patch_width; x += 2) {
+                counts[0][codes[x]]++;
+                counts[1][codes[x + 1]]++;
+            }
+            if (patch_width % 2) counts[0][codes[patch_width - 1]]++;
         }
         for (int bin = 0; bin < bins; bin++) *histograms++ = (int64_t)counts[0][bin] + counts[1][bin];
     }
