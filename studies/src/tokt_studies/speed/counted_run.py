@@ -64,7 +64,7 @@ BOX = (0.35, 0.3, 0.3, 0.4)
 START, LOOP, PUBLISH = "start", "loop", "publish"
 
 
-class View(Observer):
+class DrawnView(Observer):
     """The live view's picture of each frame, which a run has another process draw."""
 
     def __init__(self) -> None:
@@ -98,7 +98,7 @@ STAGES: dict[str, tuple[tuple[type, str], ...]] = {
     "log": ((RunLog, "judged"),),
     "drift": ((DriftMonitor, "judged"),),
     "fixed marks": ((FixedMarksWatch, "judged"),),
-    "view": ((View, "judged"),),
+    "view": ((DrawnView, "judged"),),
 }
 """Of each stage the methods that it is; what is in none of them is `LOOP`. With `PUBLISH` a frame's
 datagram is on its way."""
@@ -208,7 +208,7 @@ def main(folder: Path, vgdb: str | None = None) -> None:
             receiver.getsockname()[1],
             folder / "run.jsonl",
             held=ObjectModel(detail_picture(pictures[0]), BOX),
-            others=[View()],
+            others=[DrawnView()],
         )
         # As in `tokt run`; nor is what there is since then collected, here or there as it comes.
         gc.collect()
