@@ -8,6 +8,7 @@ import pytest
 
 from studies.tests.speed.stage_counts import ANEW, STORED, changes, other_code, table
 from tests.calls import refused, refuses, succeeds
+from tokt.features.kernels.dispatch import COMPILED, KERNELS
 from tokt_studies.speed.count_report import print_counts
 from tokt_studies.speed.counted_run import LOOP, PUBLISH, STAGES, START, WARM_UP, Cuts
 from tokt_studies.speed.instruction_count import (
@@ -25,6 +26,7 @@ needs_valgrind = pytest.mark.skipif(
 
 
 @needs_valgrind
+@pytest.mark.skipif(KERNELS.name != COMPILED, reason="it is the compiled kernels that are stored")
 def test_no_stage_of_a_run_grows_by_a_tenth(tmp_path):
     out = tmp_path / "out"
     found = json.loads(succeeds("bench", "--count", "--json", "--out", out).out)
