@@ -6,7 +6,7 @@ READY := $(VENV)/ready
 DEMO_READY := $(VENV)/demo-ready
 SCRIPTS_READY := node_modules/ready
 
-.PHONY: demo docs test test-rest test-all wheels test-wheels newest check sanitize fuzz soak scale page-times effort video fingerprint format clean
+.PHONY: demo docs test test-rest test-all wheels test-wheels newest check sanitize fuzz soak scale page-times effort video fingerprint count format clean
 
 # A checkout that tests run in has all that the demo needs.
 demo: $(if $(wildcard $(READY)),$(READY),$(DEMO_READY))
@@ -121,6 +121,10 @@ video: $(READY)
 # Whether a restructuring left what users and files see as it was: four minutes, on the real mission.
 fingerprint: $(READY)
 	$(BIN)/python -m tests.fingerprint $(ARGS)
+
+# Whether a stage of a run takes a tenth more or fewer instructions than is stored; needs valgrind.
+count: $(READY)
+	$(BIN)/python -m studies.tests.speed.stage_counts $(ARGS)
 
 format: $(READY)
 	$(BIN)/ruff check --fix .

@@ -29,6 +29,7 @@ _LoopOption = partial(Option, rich_help_panel="Closed loop")
 _ImageOption = partial(Option, metavar="IMAGE", rich_help_panel="Images")
 """Options under headings of their own in the help."""
 _FOR_MISSIONS = ("frames", "pipeline")
+_FOR_TIMES, _FOR_COUNT = ("mission", "labels", "calibration", "frames", "quick"), ("preset",)
 _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model", "planner")
 
 
@@ -259,6 +260,7 @@ def _print_reproduced(results: dict[str, Any], out: Path) -> None:
 
 
 def bench(
+    context: typer.Context,
     mission: Annotated[
         File, Option(metavar="[NAME=]DIR", help="Mission to measure on. Default: a rendered one.")
     ] = None,
@@ -275,16 +277,37 @@ def bench(
     frames: Annotated[
         int | None, Option(help="Number of frames to compare results on. Default: all.", min=1)
     ] = None,
-    out: Annotated[Path, Option(help="Folder for bench.json and bench.png.")] = Path("bench-out"),
+    out: Annotated[
+        Path, Option(help="Folder for bench.json and bench.png, or for count.json.")
+    ] = Path("bench-out"),
     quick: Annotated[
         bool, Option("--quick", help="Measure few frames, few times, for a first look.")
     ] = False,
+    count: Annotated[
+        bool,
+        Option(
+            "--count",
+            help="Take no times: count a run's instructions and bytes moved, by stage, with "
+            "valgrind. They do not depend on the machine.",
+        ),
+    ] = False,
+    preset: Annotated[str, Option(help="Preset whose run --count counts.")] = "best",
     json: JsonOption = False,
 ) -> None:
     """Measure speed against the libraries and the thesis's pipeline.
 
     Exit code 1: a result is not exact.
     """
+    for name in _FOR_TIMES if count else _FOR_COUNT:
+        if is_written(context, name):
+            raise ToktError(f"--{name} is {'not for' if count else 'for'} --count")
+    if count:
+        from tokt_studies.speed.count_report import print_counts
+        from tokt_studies.speed.instruction_count import run_count
+
+        counted = run_count(out, preset, progress, say)
+        answer(json, counted.to_json(), lambda: print_counts(counted))
+        return
     if calibration and mission is None:
         raise ToktError("--calibration goes together with --mission")
     from tokt.training.calibration.any_form import read_calibration_file

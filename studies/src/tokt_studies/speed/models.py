@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -24,6 +25,7 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
 from tokt.models.sight import measure_sight
 from tokt.models.water import WaterPrior
+from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.classifier import fit_classifier, linear_model
 from tokt.training.fitting.presets import (
     DEFAULT_EXTRACTOR,
@@ -34,6 +36,7 @@ from tokt.training.fitting.presets import (
 from tokt.training.fitting.train import rendered_other_image
 from tokt_studies.baselines.thesis_texture import DESCRIBE, GRID, DescribePatch, resized_gray
 
+LABEL_FILE = "labels.csv"
 LABEL_EVERY = 5
 """Every fifth labelled frame is learnt from: the model only has to find obstacle patches."""
 _PENALTY = 1.0
@@ -132,6 +135,17 @@ def examples_from_two_images(mission: Mission) -> TrainingExamples:
     ]
     words = "a LinearSVC learnt from two images as in the thesis: the first frame and a texture"
     return TrainingExamples(pictures, "thesis", words)
+
+
+def learnt_examples(mission: Mission, labels: Path | None = None) -> TrainingExamples:
+    """Learn from the label file given, from the one in the mission's folder, or from none."""
+    beside = mission.path / LABEL_FILE
+    file = labels or (beside if beside.is_file() else None)
+    if file is None:
+        return examples_from_two_images(mission)
+    taxonomy = Taxonomy.load()
+    records, _ = labels_of_mission(mission, read_labels([file], taxonomy, GRID), GRID, only=True)
+    return examples_from_labels(mission, records, taxonomy)
 
 
 @dataclass(frozen=True)

@@ -35,13 +35,12 @@ from .cases import Picture
 from .haralick_agreement import HaralickAgreement
 from .models import ModelPair, ThesisFeatureSet, all_haralick, all_lbp
 from .paired_timing import BASELINE, FLOOR, OURS, Result, in_turns, result
+from .pictures_run import FPS
 from .stamped_receiver import StampedReceiver
 
 _LBP = Lbp(10, 5, "patch")
 _EXTRACTOR = Join([_LBP, Glcm(ignore_zeros=True)])
 NAME = "latency.frame_to_udp"
-FPS = 15.0
-"""Of the mission's cameras."""
 _WARM_UP = 1
 """Rounds that are not counted."""
 _PATIENT = Limits(stale_s=60.0, heartbeat_s=60.0)

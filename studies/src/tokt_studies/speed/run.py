@@ -16,11 +16,8 @@ from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 from tokt.features.frames.mission import Mission, open_mission
 from tokt.features.kernels.dispatch import KERNELS, LIBRARY, VARIABLE
-from tokt.labels.taxonomy import Taxonomy
 from tokt.models.bundle.bundle import Bundle
-from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
-from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
 from . import cases, default_run
@@ -30,7 +27,6 @@ from .process_cases import measure_extraction, measure_latency, measure_start
 from .report import chart_png
 from .stereo_cases import measure_stereo, stereo_input
 
-LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
 PRESETS = ("best", "water")
 """Whose frames are timed."""
@@ -50,17 +46,6 @@ class Bench:
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``tokt bench --json``."""
         return {"cases": [case.to_json() for case in self.results], **self.about}
-
-
-def _examples(mission: Mission, labels: Path | None) -> bench_models.TrainingExamples:
-    """Learn from the label file given, from the one in the mission's folder, or from none."""
-    beside = mission.path / LABEL_FILE
-    file = labels or (beside if beside.is_file() else None)
-    if file is None:
-        return bench_models.examples_from_two_images(mission)
-    taxonomy = Taxonomy.load()
-    records, _ = labels_of_mission(mission, read_labels([file], taxonomy, GRID), GRID, only=True)
-    return bench_models.examples_from_labels(mission, records, taxonomy)
 
 
 def measure_in_process(
@@ -146,7 +131,7 @@ def _outside(
 
 def _measure(mission: Mission, asked: BenchRequest, folder: Path) -> Bench:
     first = mission.read(mission.frames()[0])
-    examples = _examples(mission, asked.labels)
+    examples = bench_models.learnt_examples(mission, asked.labels)
     stereo = stereo_input(mission, asked.calibration)
     # Every process started meanwhile uses this one's kernels, or fails, but no others.
     with single_thread(), patch.dict(os.environ, {VARIABLE: KERNELS.name}):
