@@ -6,6 +6,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from operator import attrgetter
 from typing import Any, ClassVar
 
@@ -257,6 +258,10 @@ class Report:
 
     def fields(self) -> dict[str, Any]:
         """The fields of UDP v2."""
+        return dict(self._fields)
+
+    @cached_property
+    def _fields(self) -> dict[str, Any]:
         return _v2(self)
 
 

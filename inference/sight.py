@@ -25,6 +25,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -77,8 +78,9 @@ FLAT_GREY = 0.02
 0.24 and more on the sea trial, with its noise of less than one level."""
 
 _MASKED = CAUSES.index(MASKED)
-_NO_PICTURE = [CAUSES.index(cause) for cause in (DARK, SATURATED, FLAT)]
-_UNLIT = [CAUSES.index(cause) for cause in (DARK, SATURATED)]
+# For each place in `CAUSES`: whether such a patch has no picture at all, or has no light.
+_NO_PICTURE = np.array([cause in (DARK, SATURATED, FLAT) for cause in CAUSES])
+_UNLIT = np.array([cause in (DARK, SATURATED) for cause in CAUSES])
 _BY_LIMITS = SMEARED, BLURRED, DAMAGED
 _NOISE = [MEASURES.index(name) for name in ("noise_across", "noise_down")]
 _COARSE = MEASURES.index("coarse")
@@ -177,7 +179,7 @@ class SightMap:
     @property
     def is_blind(self) -> bool:
         """True where no patch has any picture, so that what a detector finds is nothing."""
-        return bool(np.isin(self.causes[~self.masked], _NO_PICTURE).all())
+        return bool((_NO_PICTURE[self.causes] | self.masked).all())
 
 
 def _place(blind: BlindGroup, rows: int, cols: int) -> str:
@@ -278,11 +280,11 @@ class SightMeter:
         limits = limits_for(self.limits, height, width)
         if limits is None or not limits.contrast:
             return sight
-        if not np.isin(sight.causes[~sight.masked], _UNLIT).all():
+        if not (_UNLIT[sight.causes] | sight.masked).all():
             self._contrasts.append(contrast)
         if not self._contrasts:
             return sight
-        visibility = float(np.median(self._contrasts)) / limits.contrast
+        visibility = median(self._contrasts) / limits.contrast
         least = limits.least_contrast / limits.contrast
         return replace(sight, visibility=visibility, least_visibility=least)
 

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, U8
+from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.frames.grid import Grid
 from tokt.models import operating_point
 
@@ -51,6 +51,7 @@ class Detection:
     contact_s: float | None = None
     decision_values: F64 | None = None  # shape (n_patches, n_outputs): less the boundary
     features: F64 | None = None  # shape (n_patches, dim): what the decision values come from
+    counts: I64 | None = None  # `bin_counts` of the features, where the model knows its training's
     boundary: float | None = None  # where water ended, where that moves (`tokt.models.water`)
     grid: Grid | None = None  # of the patches that the mask is painted from, where it is
     class_patches: ClassPatches | None = None  # of a model of several classes, this frame's alone

@@ -24,6 +24,7 @@ Giornale dell'Istituto Italiano degli Attuari 4.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -91,17 +92,25 @@ class Distribution:
         """The distance of each feature above which it is out of range, shape (dim,)."""
         return self.typical * self.factor
 
-    def out_of_range(self, features: F64) -> float:
+    def out_of_range(self, counts: I64) -> float:
         """The part of the watched features that are out of range in these rows alone, 0 to 1.
 
         Parameters
         ----------
-        features : array of float64, shape (n, dim)
-            Of one frame's patches.
+        counts : array of int64, shape (dim, BINS)
+            `bin_counts` of the features of one frame's patches.
         """
         limits = self.limits
-        out = ks_distances(bin_counts(features, self.edges), self.counts) > limits
+        out = self.distances(counts) > limits
         return int(out.sum()) / max(int((limits < 1).sum()), 1)
+
+    @cached_property
+    def _shares(self) -> F64:
+        return _cumulative(self.counts)
+
+    def distances(self, counts: I64) -> F64:
+        """`ks_distances` of counts, shape (dim, BINS), from those of training, (dim,)."""
+        return np.asarray(np.abs(_cumulative(counts) - self._shares).max(axis=-1), np.float64)
 
     def summary(self) -> dict[str, Any]:
         """The figures behind the limits, as plain JSON; `drift_words` says them."""
@@ -184,9 +193,13 @@ def ks_distances(counts: I64, others: I64) -> F64:
     numpy.ndarray
         float64, shape (...), 0 to 1.
     """
-    one, other = np.cumsum(counts, axis=-1), np.cumsum(others, axis=-1)
-    difference = one / one[..., -1:] - other / other[..., -1:]
+    difference = _cumulative(counts) - _cumulative(others)
     return np.asarray(np.abs(difference).max(axis=-1), np.float64)
+
+
+def _cumulative(counts: I64) -> F64:
+    up_to = np.cumsum(counts, axis=-1)
+    return np.asarray(up_to / up_to[..., -1:])
 
 
 def drift_words(summary: Mapping[str, Any] | None) -> str:

@@ -95,7 +95,8 @@ def noise_of(plane: U8, before: Noise | None) -> Noise | None:
     tiles = np.concatenate([plane[y : y + TILE_PX, x : x + columns] for y, x in corners])
     near, far = (_mean_difference(tiles, by) for by in (LAG_PX, FAR_PX))
     quiet = far <= QUIET * near
-    fine = np.subtract(tiles[:, LAG_PX:], tiles[:, :-LAG_PX], dtype=np.float32)
+    steps = cv2.subtract(tiles[:, LAG_PX:], tiles[:, :-LAG_PX], dtype=cv2.CV_32F)
+    fine = np.asarray(steps, np.float32)
     fine = np.clip(fine, -LARGEST, LARGEST, out=fine).reshape(-1, TILE_PX, TILE_PX)
     used = quiet if before is None else quiet | before.quiet
     fine *= _window() * (used / np.maximum(near, 1e-3))[:, None, None]
@@ -107,7 +108,7 @@ def noise_of(plane: U8, before: Noise | None) -> Noise | None:
         cv2.dft(pair, dst=pair)
     phases = pairs.view(np.complex64)[..., 0]
     lengths = np.abs(phases)
-    phases *= 1 / (lengths + 1e-3 * lengths.max() + 1e-6)
+    pairs *= (1 / (lengths + 1e-3 * lengths.max() + 1e-6))[..., None]
     return Noise(phases, quiet)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from tokt.features.common.arrays import F64, I64
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event
-from tokt.models.distribution import BINS, Distribution, bin_counts, ks_distances
+from tokt.models.distribution import BINS, Distribution, bin_counts
 
 if TYPE_CHECKING:
     from tokt.inference.frame import Frame
@@ -85,7 +85,9 @@ class DriftMonitor(Observer):
         if distribution is None or features is None or features.shape[1:] != (distribution.dim,):
             return
         self._t = frame.t
-        counts = bin_counts(features, distribution.edges)
+        counts = judgement.counts
+        if counts is None:
+            counts = bin_counts(features, distribution.edges)
         self._window.append(counts)
         self._sum += counts
         if len(self._window) > distribution.window_frames:
@@ -98,7 +100,7 @@ class DriftMonitor(Observer):
 
     def _look(self, distribution: Distribution) -> None:
         """Compare the window with training, and tell what has changed."""
-        distances = ks_distances(self._sum, distribution.counts)
+        distances = distribution.distances(self._sum)
         ratios = distances / self._limits
         worst = int(ratios.argmax())
         was_out, ratio = self.state.out, float(ratios[worst])

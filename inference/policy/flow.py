@@ -34,27 +34,43 @@ class FlowPicture:
     def __init__(self, gray: U8) -> None:
         sharp = gray.astype(np.float32)
         sharp -= cv2.blur(sharp, (25, 25))
+        spread = np.asarray(cv2.blur(sharp * sharp, (61, 61)), np.float32)
         # A running sum of a flat picture may end below 0.
-        spread = np.sqrt(np.maximum(cv2.blur(sharp * sharp, (61, 61)), 0)) + np.float32(1)
-        self.even = np.clip(128 + 30 * sharp / spread, 0, 255).astype(np.uint8)
+        np.maximum(spread, 0, out=spread)
+        np.sqrt(spread, out=spread)
+        spread += 1
+        sharp *= 30
+        sharp /= spread
+        sharp += 128
+        self.even = np.clip(sharp, 0, 255, out=sharp).astype(np.uint8)
         self.size = gray.shape
 
     def points(self, seen: U8) -> F32:
         """The sharpest corners, float32 (n, 2) as x, y; most of them where `seen` is not 0."""
         grid = Grid(self.size[0] // _CELL_HIGH, self.size[1] // _CELL_WIDE, None)
-        cells = grid.cells(cv2.cornerMinEigenVal(self.even, 5))
-        sharpest = cells.max(axis=(1, 2))
-        finest = np.abs(grid.cells(cv2.Laplacian(self.even, cv2.CV_16S))).mean(axis=(1, 2))
+        high, wide = grid.patch_size(*self.size)
+        corners = _cells(cv2.cornerMinEigenVal(self.even, 5), grid)
+        sharpest = corners.max(axis=1).max(axis=2).ravel()
+        fine = _cells(cv2.Laplacian(self.even, cv2.CV_16S), grid)
+        finest = np.abs(fine).sum(axis=1, dtype=np.int32).sum(axis=2).ravel() / (high * wide)
         noise = float(np.percentile(finest, 25))
         least = min(_OVER_MEDIAN * float(np.median(sharpest)), _OVER_NOISE * noise * noise)
-        corner = grid.boxes(*self.size)[:, [0, 2]]
-        best = cells.reshape(len(cells), -1).argmax(axis=1)
-        y, x = (corner + np.stack(np.divmod(best, cells.shape[2]), axis=1)).T
         order = np.argsort(-sharpest, kind="stable")
         order = order[sharpest[order] > least]
+        row, col = np.divmod(order, grid.cols)
+        best = corners[row, :, col].reshape(len(order), high * wide).argmax(axis=1)
+        y, x = np.zeros((2, grid.n_patches), np.int64)
+        y[order], x[order] = row * high + best // wide, col * wide + best % wide
         within = seen[y[order], x[order]] != 0
         chosen = np.concatenate([order[within][:_WITHIN], order[~within][:_OUTSIDE]])
         return np.stack([x[chosen], y[chosen]], axis=1).astype(np.float32)
+
+
+def _cells(picture: NDArray[Any], grid: Grid) -> NDArray[Any]:
+    """A view of the pixels in cells: (rows, height, cols, width)."""
+    high, wide = grid.patch_size(*picture.shape)
+    inside = picture[: grid.rows * high, : grid.cols * wide]
+    return inside.reshape(grid.rows, high, grid.cols, wide)
 
 
 class PointFlow(NamedTuple):

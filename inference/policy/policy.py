@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import F64, U8
+from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
@@ -49,6 +49,7 @@ class Judgement:
     verdict: Verdict
     decision_values: F64 | None = None
     features: F64 | None = None  # the texture model's, also where the verdict is from elsewhere
+    counts: I64 | None = None
     texture_s: float | None = None  # seconds that texture took, where the verdict hangs on them
     boundary: float | None = None
     mask: U8 | None = None
@@ -106,7 +107,7 @@ def _judgement(detection: Detection, health: str, reason: Reason) -> Judgement:
     return Judgement(whole, **behind)
 
 
-_BEHIND = ("decision_values", "features", "boundary", "mask", "grid", "class_patches")
+_BEHIND = ("decision_values", "features", "counts", "boundary", "mask", "grid", "class_patches")
 """What a judgement has of a detection besides its verdict."""
 
 

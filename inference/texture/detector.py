@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, Bools
+from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
@@ -22,6 +22,7 @@ from tokt.inference.verdict import (
     Detection,
     Detector,
 )
+from tokt.models.distribution import bin_counts
 from tokt.models.frame_sizes import size_fault
 from tokt.models.linear import moved
 from tokt.models.operating_point import MofNState
@@ -173,22 +174,24 @@ class TextureDetector:
         clear = ~model.obstacle_patches(values)
         if view is not None:
             features, clear = features[view], clear[view]
-        found = self._believed(found, sight, features, clear)
+        known = self.scorer.distribution
+        counts = None if known is None else bin_counts(features, known.edges)
+        found = self._believed(found, sight, counts, features[clear])
         # Of a model without sight the run says it once, so that older logs are judged as they were.
         blind = blindness(self.scorer.sight, height, width) if self.scorer.sight else ""
         blind = blind and f"a blurred view may look like open water: {blind}"
         note = "; ".join(filter(None, (found.note, blind)))
-        return replace(found, note=note, features=features, boundary=boundary, sight=sight)
+        behind = replace(found, features=features, counts=counts, boundary=boundary)
+        return replace(behind, note=note, sight=sight)
 
     def _believed(
-        self, found: Detection, sight: SightMap, features: F64, clear: Bools
+        self, found: Detection, sight: SightMap, counts: I64 | None, clear: F64
     ) -> Detection:
-        """Take clear back where nothing proves it; `clear` are the patches that have no obstacle.
+        """Take clear back where nothing proves it, of the patches in view.
 
-        Both arrays are of the patches in view.
+        `counts` are those of all their features, `clear` the features of those without an obstacle.
         """
-        fault = sight.fault or self._unlike_training(features)
-        fault = fault or self._never_learnt(features[clear])
+        fault = sight.fault or self._unlike_training(counts) or self._never_learnt(clear)
         if not fault:
             return found
         self._rule.doubt()
@@ -198,12 +201,12 @@ class TextureDetector:
             return replace(found, fault=sight.fault)
         return found
 
-    def _unlike_training(self, features: F64) -> Fault:
+    def _unlike_training(self, counts: I64 | None) -> Fault:
         """Why the model says nothing where it sees nothing in such a frame, or an empty string."""
         distribution = self.scorer.distribution
-        if distribution is None:
+        if distribution is None or counts is None:
             return NO_FAULT
-        out = distribution.out_of_range(features)
+        out = distribution.out_of_range(counts)
         if out > OUT_OF_RANGE:
             words = f"{100 * out:.0f} % of the features are unlike the training frames'"
             return Fault(Reason.DRIFT, words)
