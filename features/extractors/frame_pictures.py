@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Hashable
 from functools import cached_property
+from threading import RLock
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -49,31 +50,56 @@ def _box_ends(size: int, covered: int, of: int, n: int) -> I64:
     return np.stack([edges[:-1], np.maximum(edges[1:], edges[:-1] + 1)], axis=1)
 
 
-Made = dict[tuple[Hashable, ...], Any]
-"""Pictures that were made, by their kind, their size and what else tells them apart."""
 Value = TypeVar("Value")
+
+
+class _Made:
+    """Pictures that were made, by their kind, their size and what else tells them apart."""
+
+    def __init__(self) -> None:
+        # Another thread that wants one waits for it, in place of making it as well.
+        self._lock = RLock()
+        self._of: dict[tuple[Hashable, ...], Any] = {}
+
+    def once(self, key: tuple[Hashable, ...], make: Callable[[], Value]) -> Value:
+        """Give the picture of that key, made now if it is not yet."""
+        with self._lock:
+            if key not in self._of:
+                self._of[key] = make()
+            return cast(Value, self._of[key])
+
+    def offer(self, key: tuple[Hashable, ...], value: Value) -> Value:
+        """Keep one that was made elsewhere, if there is none yet; give the one there is."""
+        return self.once(key, lambda: value)
+
+    def __contains__(self, key: tuple[Hashable, ...]) -> bool:
+        return key in self._of
 
 
 class SharedPictures:
     """The pictures of one frame, for all who look at it: each is made once, when it is asked for.
 
-    ==================  ==========  =====================================================
-    picture             pixels wide  is looked at by
-    ==================  ==========  =====================================================
-    gray16, in colour   grid's       texture models but the plain ones
-    gray16              360          sight, flow, sediment, named objects, marks (rounded)
-    summed area         grid's, 360  whatever is quantized: texture models, named objects
-    gray, as plain      grid's       plain texture models
-    ==================  ==========  =====================================================
+    =============  ===============  ========================================================
+    picture        pixels wide      who looks at it
+    =============  ===============  ========================================================
+    `gray16`       360              sight; pushbroom
+    `rounded`      360              flow, sediment, the watch for marks that never move
+    `picture`      the grid's, 360  texture models, by their specs' images; a named object
+    `colours`      as it is         texture models that look at colours
+    summed area    the grid's, 360  whatever makes a `picture` but the plain one
+    =============  ===============  ========================================================
+
+    Frozen pictures are told by rows and tiles of the frame as it is, dense stereo has its own size,
+    and the view's picture is made in its own thread.
     """
 
     def __init__(self) -> None:
-        self._made: dict[int, tuple[U8, Made]] = {}
+        self._made: dict[int, tuple[U8, _Made]] = {}
 
     def of(self, frame: U8, grid: Grid, threads: int = 1) -> "FramePictures":
         """Pictures of one of the frame's arrays, as it is or covered by a mask, on a grid."""
         # With the array itself, so that no other one has its identity meanwhile.
-        _, made = self._made.setdefault(id(frame), (frame, {}))
+        _, made = self._made.setdefault(id(frame), (frame, _Made()))
         return FramePictures(frame, grid, threads, made)
 
 
@@ -86,20 +112,15 @@ class FramePictures:
     grid : Grid
     threads : int
         How many threads share the work; what comes out does not depend on it.
-    made : dict, optional
+    made : optional
         Pictures of this frame, also on other grids, that were made before; see `SharedPictures`.
     """
 
-    def __init__(self, frame: U8, grid: Grid, threads: int = 1, made: Made | None = None) -> None:
+    def __init__(self, frame: U8, grid: Grid, threads: int = 1, made: _Made | None = None) -> None:
         self.grid = grid
         self.threads = threads
         self._frame = frame
-        self._made: Made = {} if made is None else made
-
-    def _once(self, key: tuple[Hashable, ...], make: Callable[[], Value]) -> Value:
-        if key not in self._made:
-            self._made[key] = make()
-        return cast(Value, self._made[key])
+        self._made = made or _Made()
 
     @cached_property
     def size(self) -> tuple[int, int]:
@@ -109,41 +130,42 @@ class FramePictures:
     def picture(self, image: Quantization | None) -> U8:
         """The picture a spec's ``image`` describes, uint8; None is the plain one."""
         if image is None:
-            return self._once(
+            return self._made.once(
                 ("gray", self.size),
                 lambda: KERNELS.resized_gray(self._frame, *self.size, self.threads),
             )
-        return self._once((image, self.size), lambda: self._quantized(image))
+        return self._made.once((image, self.size), lambda: self._quantized(image))
 
     def prepare(self, images: Collection[Quantization | None]) -> None:
-        """Make `gray16`, and in the same pass the plain picture if it is among these images."""
+        """Make the plain picture, if it is among these images, and `gray16` in the same pass."""
         plain, deep = ("gray", self.size), ("gray16", self.size)
-        if None in images and plain not in self._made:
-            both = KERNELS.resized_grays(self._frame, *self.size, self.threads)
-            self._made[deep], self._made[plain] = both
-        elif deep not in self._made:
-            self.offer(KERNELS.resized_gray16(self._frame, *self.size, self.threads))
+        if None in images and deep not in self._made:
+            gray16, gray = KERNELS.resized_grays(self._frame, *self.size, self.threads)
+            self._made.offer(deep, gray16)
+            self._made.offer(plain, gray)
 
     def offer(self, gray16: U16) -> None:
         """Take a 16-bit gray picture of this size that was made elsewhere, if there is none yet."""
-        self._made.setdefault(("gray16", self.size), gray16)
+        self._made.offer(("gray16", self.size), gray16)
 
     def _quantized(self, image: Quantization) -> U8:
         gray16 = self.gray16
-        sums = self._once(("sums", self.size), lambda: KERNELS.summed_area(gray16))
+        sums = self._made.once(("sums", self.size), lambda: KERNELS.summed_area(gray16))
         return KERNELS.quantize(gray16, image, self.threads, sums)
 
     @property
     def gray16(self) -> U16:
         """The frame resized and gray in 1/256 grey level."""
-        self.prepare(())
-        return cast(U16, self._made["gray16", self.size])
+        return self._made.once(
+            ("gray16", self.size),
+            lambda: KERNELS.resized_gray16(self._frame, *self.size, self.threads),
+        )
 
     @property
     def rounded(self) -> U8:
         """`gray16` in whole grey levels, uint8."""
         half = STEPS_PER_LEVEL // 2
-        return self._once(
+        return self._made.once(
             ("rounded", self.size),
             lambda: ((self.gray16 + half) // STEPS_PER_LEVEL).astype(np.uint8),
         )
@@ -151,7 +173,7 @@ class FramePictures:
     @property
     def has_colour(self) -> bool:
         """Whether any pixel's channels differ: what a gray camera gave as BGR has no colour."""
-        return self._once(("colour",), lambda: _has_colour(self._frame))
+        return self._made.once(("colour",), lambda: _has_colour(self._frame))
 
     def box_means(self, cells: int) -> I64:
         """Mean colour of each part of each patch, int64, in 1/256 level.
@@ -170,7 +192,7 @@ class FramePictures:
 
     def colours(self, cells: int) -> F64:
         """`box_means` in CIELAB, (grid.rows * cells, grid.cols * cells, 3); gray has no colour."""
-        return self._once(("colours", self.grid, cells), lambda: self._colours(cells))
+        return self._made.once(("colours", self.grid, cells), lambda: self._colours(cells))
 
     def _colours(self, cells: int) -> F64:
         means = self.box_means(cells)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -169,6 +169,9 @@ def check_lbp(points: int, radius: float, border: str) -> None:
         raise ValueError(f"border is 'patch' or 'frame', not {border!r}")
 
 
+Result = TypeVar("Result")
+
+
 @lru_cache(maxsize=4)
 def _pool(threads: int) -> ThreadPoolExecutor:
     # Imported only where threads are asked for: it is 4 ms of a start.
@@ -187,11 +190,19 @@ def over_rows(work: Callable[[int, int], None], rows: int, threads: int) -> None
 
     It writes the results of rows first..last where they belong; whatever it raises is raised here.
     """
-    threads = min(threads, rows)
-    if threads == 1:
-        work(0, rows)
-        return
-    ends = [rows * part // threads for part in range(threads + 1)]
-    parts = [_pool(threads).submit(work, *ends[part : part + 2]) for part in range(threads)]
-    for part in parts:
-        part.result()
+    parts = min(threads, rows)
+    ends = [rows * part // parts for part in range(parts + 1)]
+    # This thread does the first part itself: of those of the pool one may be at work beside it.
+    others = [beside(partial(work, *ends[part : part + 2]), threads) for part in range(1, parts)]
+    work(0, ends[1])
+    for other in others:
+        other()
+
+
+def beside(work: Callable[[], Result], threads: int) -> Callable[[], Result]:
+    """Begin with some work in another thread, where there are several.
+
+    What is given back waits for the work and has its result, or raises what it raised. With one
+    thread it does the work when it is called.
+    """
+    return work if threads == 1 else _pool(threads).submit(work).result

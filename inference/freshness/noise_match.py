@@ -108,7 +108,7 @@ def noise_of(plane: U8, before: Noise | None) -> Noise | None:
         cv2.dft(pair, dst=pair)
     phases = pairs.view(np.complex64)[..., 0]
     lengths = np.abs(phases)
-    pairs *= (1 / (lengths + 1e-3 * lengths.max() + 1e-6))[..., None]
+    phases *= 1 / (lengths + 1e-3 * lengths.max() + 1e-6)
     return Noise(phases, quiet)
 
 

@@ -154,7 +154,7 @@ def assemble(
     else:
         policy = FallbackPolicy(texture, disparity, stopwatch)
     if moving is not None:
-        policy = MovingThings(policy, moving)
+        policy = MovingThings(policy, moving, threads)
     reloadable = None if name == "disparity" else texture
     cues = TemporalCues(policy, reloadable, anchor, blind_m)
     return Assembly(cues, reloadable, stereo, grid, sight)

@@ -86,12 +86,14 @@ def follow(before: FlowPicture, after: FlowPicture, points: F32) -> PointFlow:
         return PointFlow(points, points)
     lucas_kanade: Any = cv2.calcOpticalFlowPyrLK  # its types do not know of no first guess
     there, found, _ = lucas_kanade(before.even, after.even, points, None, **_LK)
-    back, again, _ = lucas_kanade(after.even, before.even, there, None, **_LK)
-    near = np.abs(back - points).max(axis=1) < _BACK_PX
     height, width = after.size
-    inside = ((there >= 0) & (there < [width, height])).all(axis=1)
-    kept = near & inside & (found.ravel() > 0) & (again.ravel() > 0)
-    return PointFlow(points[kept], np.asarray(there[kept], np.float32))
+    inside = ((there >= 0) & (there < [width, height])).all(axis=1) & (found.ravel() > 0)
+    points, there = points[inside], np.asarray(there[inside], np.float32)
+    if not len(points):
+        return PointFlow(points, there)
+    back, again, _ = lucas_kanade(after.even, before.even, there, None, **_LK)
+    kept = (np.abs(back - points).max(axis=1) < _BACK_PX) & (again.ravel() > 0)
+    return PointFlow(points[kept], there[kept])
 
 
 _SHARED, _SHARED_POINTS = 0.7, 7

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -33,8 +34,9 @@ import numpy as np
 
 from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.kernels.checks import beside
 from tokt.inference.config import ALL, NEAR
-from tokt.inference.frame import MANY_MISSED, Frame
+from tokt.inference.frame import MANY_MISSED, Frame, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict, health_of, unknown_verdict
 
@@ -69,6 +71,7 @@ class _Key(NamedTuple):
     t_s: float
     picture: FlowPicture
     mask: U8
+    shape: tuple[int, ...]  # the frame's
 
 
 class _Pair(NamedTuple):
@@ -80,12 +83,38 @@ class _Pair(NamedTuple):
     slow: I64
 
 
+class _Flow(NamedTuple):
+    """A frame as points are followed in it, and those that were."""
+
+    picture: FlowPicture
+    tracks: PointFlow | None  # None where none were, as this frame begins anew
+
+
+def _gray(frame: Frame) -> U8 | None:
+    """The left picture in gray, `PATCHES` wide; None where it is too small, or is none."""
+    frame = frame.covered  # what runs on in a masked part, such as a clock, is no thing
+    if frame.left is None or shape_fault(frame.left) or min(frame.left.shape[:2]) < MIN_SIDE_PX:
+        return None
+    gray = frame.pictures("left", PATCHES).rounded
+    return gray if gray.shape[0] >= MIN_SIDE_PX else None
+
+
+def _flow(gray: U8 | None, key: _Key | None) -> _Flow | None:
+    if gray is None:
+        return None
+    picture = FlowPicture(gray)
+    if key is None:
+        return _Flow(picture, None)
+    return _Flow(picture, follow(key.picture, picture, key.picture.points(key.mask)))
+
+
 @dataclass(eq=False)
 class MovingThings:
     """Another policy's verdicts, with what moves by itself in the view, and clouds of sediment."""
 
     policy: Policy
     avoid: str = NEAR  # `tokt.inference.config.MOVING`
+    threads: int = 1  # with more, points are followed while the policy judges
 
     def __post_init__(self) -> None:
         self._sediment = SedimentWatch()
@@ -95,6 +124,7 @@ class MovingThings:
 
     def judge(self, frame: Frame) -> Judgement:
         """The policy's answer, with what moves, and whether it is a cloud that hides the view."""
+        flow = self._begin(frame)
         judgement = self.policy.judge(frame)
         gray = self._picture(judgement, frame)
         if gray is None:
@@ -106,7 +136,7 @@ class MovingThings:
             size = gray.shape[1], gray.shape[0]
             resized = cv2.resize(judgement.mask, size, interpolation=cv2.INTER_NEAREST)
             mask = np.asarray(resized, np.uint8)
-        self._follow(frame, gray, mask)
+        self._follow(frame, mask, flow())
         judgement, doubt = self._with_moving(judgement, mask)
         verdict = judgement.verdict
         nothing_seen = verdict.status != OBSTACLE and not mask.any()
@@ -121,31 +151,31 @@ class MovingThings:
     def _picture(self, judgement: Judgement, frame: Frame) -> U8 | None:
         """The left picture in gray, `PATCHES` wide; None where nothing was looked for in it."""
         verdict = judgement.verdict
-        frame = frame.covered  # what runs on in a masked part, such as a clock, is no thing
-        if frame.left is None or (verdict.status == UNKNOWN and verdict.reason not in _LOOKED_AT):
+        if verdict.status == UNKNOWN and verdict.reason not in _LOOKED_AT:
             return None
-        if min(frame.left.shape[:2]) < MIN_SIDE_PX:
-            return None
-        gray = frame.pictures("left", PATCHES).rounded
-        return gray if gray.shape[0] >= MIN_SIDE_PX else None
+        return _gray(frame)
 
-    def _follow(self, frame: Frame, gray: U8, mask: U8) -> None:
-        """Take in how points went since the key frame, if all is known since, and it is time to."""
-        key, t_s = self._key, frame.t
-        follows = frame.timed and frame.missed < MANY_MISSED and 0 < t_s - self._last_s <= GAP_S
-        self._last_s = t_s
-        if key is None or not follows or key.mask.shape != mask.shape:
-            self._pairs.clear()
-            key = None
+    def _begin(self, frame: Frame) -> Callable[[], _Flow | None]:
+        """Follow points from the key frame, if all is known since, and it is time to."""
+        key, last_s = self._key, self._last_s
+        follows = frame.timed and frame.missed < MANY_MISSED and 0 < frame.t - last_s <= GAP_S
+        if key is not None and frame.left is not None:
+            follows = follows and key.shape == frame.left.shape
         # By the clock's slots: which frames are looked at does not hang on when the run began.
-        if key is not None and t_s // STEP_S == key.t_s // STEP_S:
+        if key is not None and follows and frame.t // STEP_S == key.t_s // STEP_S:
+            return lambda: None
+        return beside(lambda: _flow(_gray(frame), key if follows else None), self.threads)
+
+    def _follow(self, frame: Frame, mask: U8, flow: _Flow | None) -> None:
+        """Take in how points went since the key frame."""
+        t_s = self._last_s = frame.t
+        if flow is None or frame.left is None:
             return
-        picture = FlowPicture(gray)
-        self._key = _Key(t_s, picture, mask)
-        if key is None:
+        key, self._key = self._key, _Key(t_s, flow.picture, mask, frame.left.shape)
+        if key is None or flow.tracks is None:
+            self._pairs.clear()
             return
-        tracks = follow(key.picture, picture, key.picture.points(key.mask))
-        self._pairs.append(_pair(t_s, tracks, key.mask, mask))
+        self._pairs.append(_pair(t_s, flow.tracks, key.mask, mask))
         while t_s - self._pairs[0].t_s > WINDOW_S:
             self._pairs.popleft()
 

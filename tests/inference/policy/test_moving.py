@@ -32,9 +32,20 @@ STEPS = 6
 OWN = {"shift": (3.0, 1.0), "turn_deg": 0.5, "growth": 1.01}
 
 
-def swum(told, swimmers, own=OWN, seed=1, avoid=NEAR, steps=STEPS, standing=None, t=None, **more):
+def swum(
+    told,
+    swimmers,
+    own=OWN,
+    seed=1,
+    avoid=NEAR,
+    steps=STEPS,
+    standing=None,
+    t=None,
+    threads=1,
+    **more,
+):
     """The verdicts on a school before a scene, and the share of the view that it covers."""
-    policy, scene, verdicts, shares = MovingThings(told, avoid), texture(seed), [], []
+    policy, scene, verdicts, shares = MovingThings(told, avoid, threads), texture(seed), [], []
     for step in range(steps):
         picture, mask = pictured(scene, motion(step, **own), swimmers, step, seed)
         told.mask = in_patches(mask)
@@ -54,6 +65,11 @@ def test_a_school_alone_is_unknown_once_that_is_known():
     assert (last.status, last.reason, last.box) == (UNKNOWN, Reason.MOVING, None)
     assert last.moving == pytest.approx(shares[-1], abs=0.1)
     assert last.health.startswith("only moving things are seen, in ")
+
+
+def test_points_followed_beside_the_policy_are_the_same():
+    alone, beside = (swum(Told(), school(1), threads=threads)[0] for threads in (1, 2))
+    assert alone == beside and alone[-1].reason == Reason.MOVING
 
 
 @given(st.integers(0, 1000), st.tuples(st.floats(-6, 6), st.floats(-4, 4)), st.floats(-1, 1))
