@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import U8, Bools
+from tokt.features.common.arrays import U8, Bools, median
 from tokt.features.extractors.frame_pictures import gray_picture
 from tokt.features.extractors.patch_detail import (
     MEASURES,
@@ -304,7 +304,7 @@ class SightMeter:
             self._contrasts.append(contrast)
         if not self._contrasts:
             return sight
-        visibility = float(np.median(self._contrasts)) / limits.contrast
+        visibility = float(median(self._contrasts)) / limits.contrast
         least = limits.least_contrast / limits.contrast
         return replace(sight, visibility=visibility, least_visibility=least)
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F32, U8, Bools
+from tokt.features.common.arrays import F32, U8, Bools, median
 from tokt.features.frames.grid import Grid
 
 MIN_SIDE_PX = 64
@@ -46,7 +46,7 @@ class FlowPicture:
         sharpest = cells.max(axis=(1, 2))
         finest = np.abs(grid.cells(cv2.Laplacian(self.even, cv2.CV_16S))).mean(axis=(1, 2))
         noise = float(np.percentile(finest, 25))
-        least = min(_OVER_MEDIAN * float(np.median(sharpest)), _OVER_NOISE * noise * noise)
+        least = min(_OVER_MEDIAN * float(median(sharpest)), _OVER_NOISE * noise * noise)
         corner = grid.boxes(*self.size)[:, [0, 2]]
         best = cells.reshape(len(cells), -1).argmax(axis=1)
         y, x = (corner + np.stack(np.divmod(best, cells.shape[2]), axis=1)).T

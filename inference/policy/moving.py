@@ -31,7 +31,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import I64, U8, Bools
+from tokt.features.common.arrays import I64, U8, Bools, median
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.config import ALL, NEAR
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -213,7 +213,7 @@ def _fast(tracks: PointFlow, water: Bools) -> Bools:
     then = tracks.then if common is None else tracks.then @ common[:, :2].T + common[:, 2]
     flow = (tracks.now - then).astype(np.float64)
     speed = np.hypot(flow[:, 0], flow[:, 1])
-    return np.asarray(speed > FAST_PX + FAST_TIMES * np.median(speed[water]))
+    return np.asarray(speed > FAST_PX + FAST_TIMES * median(speed[water]))
 
 
 def _as_bodies(tracks: PointFlow, fast: Bools, mask: U8) -> Bools:
