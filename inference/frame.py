@@ -60,10 +60,8 @@ class Frame:
         return self.shared.of(getattr(self, side), grid, threads)
 
     @cached_property
-    def covered(self) -> Frame:
-        """The frame as detectors look at it: what is no view is covered in its pictures."""
-        if not self.masks:
-            return self
+    def _covered(self) -> Frame:
+        assert self.masks is not None
         left, right = (
             picture
             if picture is None or mask is None or shape_fault(picture)
@@ -71,6 +69,12 @@ class Frame:
             for picture, mask in ((self.left, self.masks.left), (self.right, self.masks.right))
         )
         return replace(self, left=left, right=right)
+
+    @property
+    def covered(self) -> Frame:
+        """The frame as detectors look at it: what is no view is covered in its pictures."""
+        # A frame that kept itself would keep its pictures until garbage is collected.
+        return self._covered if self.masks else self
 
     def mask(self, side: str) -> ViewMask | None:
         """What is no view on one side, ``"left"`` or ``"right"``."""

@@ -25,13 +25,12 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import U8, Bools
+from tokt.features.common.arrays import U8, Bools, median
 from tokt.features.extractors.frame_pictures import FramePictures, SharedPictures
 from tokt.features.extractors.patch_detail import (
     MEASURES,
@@ -284,7 +283,7 @@ class SightMeter:
             self._contrasts.append(contrast)
         if not self._contrasts:
             return sight
-        visibility = median(self._contrasts) / limits.contrast
+        visibility = float(median(self._contrasts)) / limits.contrast
         least = limits.least_contrast / limits.contrast
         return replace(sight, visibility=visibility, least_visibility=least)
 

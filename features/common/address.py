@@ -2,7 +2,6 @@
 
 import os
 import re
-import secrets
 import socket
 from contextlib import suppress
 from pathlib import Path
@@ -69,6 +68,8 @@ def kept_token(file: Path) -> str:
         token = file.read_text("ascii").strip()
         if token and not (os.name == "posix" and file.stat().st_mode & _OTHERS):
             return token
+    import secrets  # brings OpenSSL's hashes, which few commands have a use for
+
     token = secrets.token_urlsafe(18)
     with suppress(OSError):
         write_text(file, token + "\n", mode=_FOR_OWNER)

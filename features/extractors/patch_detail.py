@@ -16,7 +16,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import F64, I64, U8, Bools
+from tokt.features.common.arrays import F64, I64, U8, Bools, median
 from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.frames.view_mask import ViewMask
 from tokt.features.kernels.dispatch import KERNELS
@@ -65,7 +65,7 @@ class PatchDetail:
     @property
     def visible_contrast(self) -> float:
         """The frame's: the median, as what is near or covered is a part of it."""
-        return float(np.median(self.contrast))
+        return float(median(self.contrast.ravel()))
 
 
 @lru_cache(maxsize=8)

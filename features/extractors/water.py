@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, Bools
+from tokt.features.common.arrays import F64, Bools, median
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS
@@ -150,7 +150,7 @@ class Relative(Join):
 def _less_water(features: F64, energy: F64, quietest: float) -> F64:
     """Features, (n_patches, dim), less their median over so large a part of least energy."""
     quiet = np.argsort(energy, kind="stable")[: max(1, round(quietest * len(energy)))]
-    return features - np.median(features[quiet], axis=0)
+    return np.asarray(features - median(features[quiet]))
 
 
 _CELLS = 3  # parts of a patch, down and across, in which its colour is compared with a plane
@@ -296,7 +296,7 @@ def off_field(colours: F64, energy: F64, grid: Grid) -> F64:
         weighted = basis * weight[:, None]
         field = np.linalg.solve(weighted.T @ basis + _RIDGE, weighted.T @ known)
         off = known - basis @ field
-        spread = SD_OF_MAD * np.median(np.abs(off), axis=0) + _LEAST_SPREAD
+        spread = SD_OF_MAD * median(np.abs(off)) + _LEAST_SPREAD
         weight = 1 / (1 + (off / (2 * spread)) ** 2).mean(axis=1)
     return np.asarray(colours - _field_basis(grid) @ field)
 

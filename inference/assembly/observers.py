@@ -21,12 +21,11 @@ from tokt.inference.monitoring.watchdog import restarts
 from tokt.inference.policy.assembly import StereoSetup
 from tokt.inference.policy.object_naming import ObjectNaming
 from tokt.inference.publisher import Observer, Sender
-from tokt.inference.recording.log import JsonLines, LinesApart, LogRotation
-from tokt.inference.recording.run_log import RunLog, new_run_id
 from tokt.inference.report import EventQueue
 
 if TYPE_CHECKING:
     from tokt.inference.recording.recorder import Recorder
+    from tokt.inference.recording.run_log import RunLog
     from tokt.models.sight import SightLimits
 
 
@@ -73,8 +72,7 @@ def open_observers(
     sight: tuple[SightLimits, ...] | None,
 ) -> Observers:
     """Everybody that was asked for; closed with `opened`."""
-    run, wanted, model = new_run_id(SYSTEM_CLOCK), config.recording, config.model
-    rotation = LogRotation(wanted.log_max_mb, wanted.log_keep)
+    wanted, model = config.recording, config.model
     drift, counts = DriftMonitor(events.put), RunCounts(SYSTEM_CLOCK)
     observers: list[Observer] = []
 
@@ -83,6 +81,11 @@ def open_observers(
         opened.callback(observer.close)
 
     log = recorder = None
+    if not (wanted.log is wanted.record is model.shadow_log is None):
+        from tokt.inference.recording.log import JsonLines, LinesApart, LogRotation
+        from tokt.inference.recording.run_log import RunLog, new_run_id
+
+        run, rotation = new_run_id(SYSTEM_CLOCK), LogRotation(wanted.log_max_mb, wanted.log_keep)
     if wanted.log is not None:
         keep(log := RunLog(wanted.log, run, rotation, wanted.log_values, source.live))
     if wanted.record is not None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import (
     CAMERAS,
@@ -18,13 +16,9 @@ from tokt.inference.config import (
 )
 from tokt.inference.outputs.udp import parse_receiver, version_of
 from tokt.inference.policy.temporal_cues import Anchor
-from tokt.inference.recording.run_log import events_path
 from tokt.inference.sources.open import is_camera_source
 from tokt.inference.sources.stream import is_stream_source
 from tokt.inference.sources.video.address import is_video_source
-
-if TYPE_CHECKING:
-    pass
 
 
 def check_options(config: RunConfig) -> None:
@@ -39,9 +33,11 @@ def check_options(config: RunConfig) -> None:
             words = " or ".join(f"--{OPTIONS[name].key}" for name in each.needs)
             raise ToktError(f"--{each.key} is of no use without {words}")
     log, shadow_log = config.recording.log, config.model.shadow_log
-    logs = () if log is None else (log, events_path(log))
-    if shadow_log is not None and shadow_log.absolute() in [path.absolute() for path in logs]:
-        raise ToktError("--shadow-log names a file that --log writes: give it one of its own")
+    if log is not None and shadow_log is not None:
+        from tokt.inference.recording.run_log import events_path
+
+        if shadow_log.absolute() in (log.absolute(), events_path(log).absolute()):
+            raise ToktError("--shadow-log names a file that --log writes: give it one of its own")
     _check_told(config)
     useless = _useless(config)
     for each in given:

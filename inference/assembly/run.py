@@ -32,7 +32,7 @@ from tokt.inference.policy.object_naming import ObjectNaming
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Sender
 from tokt.inference.reason import unknown_in_words
-from tokt.inference.recording.run_start import ModelName, RunStart
+from tokt.inference.recording.run_start import ModelName, RunStart, software
 from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
 from tokt.inference.sources.files import MissionSource, open_source
@@ -261,6 +261,7 @@ def _check_pictures(config: RunConfig, model: RunModel, source: Source) -> None:
 def _start_event(config: RunConfig, model: RunModel, source: Source, masks: CameraMasks) -> Event:
     """How the run begins, for the log."""
     bundle, named = model.bundle, config.source.source
+    is_kept = config.recording.log is not None or config.recording.record is not None
     is_path = not (is_camera_source(named) or is_stream_source(named))
     start = RunStart.of(
         config,
@@ -273,6 +274,7 @@ def _start_event(config: RunConfig, model: RunModel, source: Source, masks: Came
         masks=masks.to_json() if masks else None,
         sight=None if model.sight is None else sight_to_json(model.sight),
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
+        software=software() if is_kept else {},  # asking for versions takes a tenth of a start
     )
     again = restarts()
     words = f"tokt run on {without_credentials(named)}, policy {start.policy}"

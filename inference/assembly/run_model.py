@@ -12,17 +12,15 @@ from tokt.features.frames.view_mask import CameraMasks
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import RunConfig
 from tokt.inference.monitoring.drift import DriftMonitor
-from tokt.inference.monitoring.reload import ModelReloader
 from tokt.inference.monitoring.watchdog import restarts
 from tokt.inference.policy.assembly import Assembly
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.sight import SightLimits
-from tokt.models.store.last_good import load_running
-from tokt.models.store.store import Store
 
 if TYPE_CHECKING:
     from tokt.inference.frame import Frame
+    from tokt.inference.monitoring.reload import ModelReloader
 
 
 class RunModel:
@@ -70,6 +68,9 @@ class RunModel:
                     raise ToktError(f"{file}: {fault}")
             else:
                 assert self._wanted.store is not None
+                from tokt.models.store.last_good import load_running
+                from tokt.models.store.store import Store
+
                 found, self.notes = load_running(Store(self._wanted.store))
             if self._wanted.sharp_frames is not None:
                 self._measure_sight(self._wanted.sharp_frames, found)
@@ -121,6 +122,8 @@ def open_model_watch(
     slot = assembly.texture
     if config.model.store is None or slot is None:
         return None
+    from tokt.inference.monitoring.reload import ModelReloader
+    from tokt.models.store.store import Store
 
     def put(bundle: Bundle, note: str) -> None:
         wanted = config.model

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import RunConfig, SourceConfig
-from tokt.inference.links.link import open_link
-from tokt.inference.links.nmea import NmeaReader
 from tokt.inference.links.vehicle import VehicleState
 from tokt.inference.outputs.udp import DEFAULT_RECEIVER, UdpSender, parse_receiver, version_of
 from tokt.inference.policy.assembly import StereoSetup
 from tokt.inference.publisher import Sender
 from tokt.inference.report import EventQueue
 
-if TYPE_CHECKING:
-    pass
-
 
 def read_nmea(wanted: SourceConfig, vehicle: VehicleState, opened: ExitStack) -> Callable[[], str]:
     """Hear where the vehicle is, where that was asked for; gives what fails of that."""
     if wanted.nmea is None:
         return str
+    from tokt.inference.links.link import open_link
+    from tokt.inference.links.nmea import NmeaReader
+
     if wanted.nmea.strip().startswith("udpout:"):
         raise ToktError("--nmea only listens: write udpin:HOST:PORT")
     link = opened.enter_context(closing(open_link(wanted.nmea)))
@@ -51,6 +48,7 @@ def open_senders(
     for text in config.outputs.udp or [DEFAULT_RECEIVER]:
         keep(text, UdpSender(*parse_receiver(text, version)))
     if config.outputs.mavlink:
+        from tokt.inference.links.link import open_link
         from tokt.inference.outputs.mavlink import MavlinkSender, check_mavlink, lens_of
 
         wanted = config.outputs

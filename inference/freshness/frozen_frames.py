@@ -36,6 +36,7 @@ Texture as fine as noise that is in a third of the view all at once, and has not
 is taken for a frozen picture.
 """
 
+import hashlib
 import math
 from collections import deque
 from dataclasses import replace
@@ -122,9 +123,10 @@ class _Look(NamedTuple):
 def _weights(width: int) -> U64:
     """The weights of a row's words, by its pieces; they come to zero for a flat piece."""
     pieces = max(width // _PIECE_PX, 1)
-    weights = np.random.default_rng(0).integers(
-        2**64, size=(pieces, width // _WORD // pieces), dtype=np.uint64
-    )
+    words = width // _WORD // pieces
+    # Chance enough, and without the 5 MB that `numpy.random` loads.
+    drawn = hashlib.shake_128(b"weights").digest(8 * pieces * words)
+    weights = np.frombuffer(drawn, "<u8").astype(np.uint64).reshape(pieces, words)
     weights[:, -1] -= weights.sum(axis=1, dtype=np.uint64)
     return weights
 

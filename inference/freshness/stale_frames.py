@@ -3,9 +3,9 @@
 import math
 from collections import deque
 from dataclasses import replace
-from statistics import median
 from typing import Any
 
+from tokt.features.common.arrays import median
 from tokt.inference.clock import Clock
 from tokt.inference.config import Limits
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -76,7 +76,7 @@ class StaleFrameDetector:
             return ""
         gap_s, spacing_s = arrived_s - last_s, (arrived_s - last_s) / taken
         known = len(self._spacings_s) >= _FEWEST_SPACINGS
-        usual_s = median(self._spacings_s) if known else 0.0
+        usual_s = float(median(self._spacings_s)) if known else 0.0
         in_step = spacing_s >= IN_STEP * usual_s
         self._since += taken
         if known and gap_s > max(STALLED * usual_s, self._limits.stale_s):

@@ -4,7 +4,6 @@ What systemd does with docs/tokt.service, for a PC without systemd.
 """
 
 import os
-import secrets
 import socket
 import subprocess
 import sys
@@ -176,6 +175,8 @@ class Watchdog:
     def _one_life(self, signs: socket.socket) -> tuple[int, str]:
         """Run the command once; its exit code, and why it ended."""
         # A new token each time: what the one before said last may still wait to be read.
+        import secrets
+
         token, self._where = secrets.token_hex(8), None
         try:
             child = self._start(f"{signs.getsockname()[1]}:{token}:{os.getpid()}")

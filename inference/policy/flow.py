@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F32, U8, Bools
+from tokt.features.common.arrays import F32, U8, Bools, median
 from tokt.features.frames.grid import Grid
 
 MIN_SIDE_PX = 64
@@ -54,7 +54,7 @@ class FlowPicture:
         fine = _cells(cv2.Laplacian(self.even, cv2.CV_16S), grid)
         finest = np.abs(fine).sum(axis=1, dtype=np.int32).sum(axis=2).ravel() / (high * wide)
         noise = float(np.percentile(finest, 25))
-        least = min(_OVER_MEDIAN * float(np.median(sharpest)), _OVER_NOISE * noise * noise)
+        least = min(_OVER_MEDIAN * float(median(sharpest)), _OVER_NOISE * noise * noise)
         order = np.argsort(-sharpest, kind="stable")
         order = order[sharpest[order] > least]
         row, col = np.divmod(order, grid.cols)

@@ -32,7 +32,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import I64, U8, Bools
+from tokt.features.common.arrays import I64, U8, Bools, median
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.kernels.checks import beside
 from tokt.inference.config import ALL, NEAR
@@ -241,7 +241,7 @@ def _fast(tracks: PointFlow, water: Bools) -> Bools:
     then = tracks.then if common is None else tracks.then @ common[:, :2].T + common[:, 2]
     flow = (tracks.now - then).astype(np.float64)
     speed = np.hypot(flow[:, 0], flow[:, 1])
-    return np.asarray(speed > FAST_PX + FAST_TIMES * np.median(speed[water]))
+    return np.asarray(speed > FAST_PX + FAST_TIMES * median(speed[water]))
 
 
 def _as_bodies(tracks: PointFlow, fast: Bools, mask: U8) -> Bools:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tokt.features.common.arrays import U8
+from tokt.features.common.arrays import U8, median
 from tokt.features.extractors.frame_pictures import SharedPictures
 from tokt.inference.frame import shape_fault
 
@@ -128,4 +128,4 @@ class ObjectTracker:
         """Whether its size and its distance are those of the thing that was held first."""
         if metres is None or len(self._own) < QUEUE:
             return True
-        return abs(place.size + math.log(metres) - float(np.median(self._own))) < SAME_THING
+        return abs(place.size + math.log(metres) - float(median(self._own))) < SAME_THING

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 
 from tokt.features.common.errors import ToktError, check_format, os_errors_as
-from tokt.features.common.machine import installed_version
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.config import NEAR, Limits, RunConfig
 
@@ -45,6 +44,8 @@ def used_file(path: Path) -> UsedFile:
 
 def software() -> dict[str, str]:
     """What computes a verdict on this machine, besides model and calibration."""
+    from tokt.features.common.machine import installed_version
+
     return {
         "tokt": installed_version("tokt") or "not installed",
         "kernels": KERNELS.name,

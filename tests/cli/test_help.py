@@ -5,7 +5,7 @@ import re
 import pytest
 from typer.main import get_command
 
-from tokt.cli.app import app, whole_app
+from tokt.cli.app import core_app, whole_app
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import MATCHERS
 from tokt.inference.outputs.mavlink import _CHOICES
@@ -28,7 +28,7 @@ def commands(command, name=""):
         yield from commands(each, f"{name} {each.name}".strip())
 
 
-COMMANDS = dict(commands(get_command(app)))
+COMMANDS = dict(commands(get_command(core_app())))
 
 
 def options_of(name):

@@ -3,6 +3,6 @@
 from .interrupts import interrupt_ends
 
 with interrupt_ends():
-    from .app import app, main
+    from .app import main
 
-__all__ = ["app", "main"]
+__all__ = ["main"]

@@ -9,7 +9,7 @@ import traceback
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Option
@@ -18,7 +18,7 @@ from tokt.features.common.errors import ToktError, os_words
 from tokt.features.common.extras import missing_extra
 from tokt.features.common.terminal import live_without_terminal, open_standard_files, say
 
-from . import cameras, compare, dataset, doctor, labels, models, replay, rig, run, train
+from . import run
 from .completion import join_bash_words
 from .help import Commands
 from .interrupts import interrupt_ends
@@ -61,30 +61,30 @@ def _root(
         typer.echo(context.get_help())
 
 
-_COMMANDS = {
-    "Label": (labels.label, labels.labels_app),
-    "Train and compare": (
-        *(dataset.dataset_app, train.train, train.adapt, train.search),
-        *(compare.compare, compare.evaluate, models.models_app),
-    ),
-    "Deploy": (models.export, models.keygen, models.deploy, models.rollback, models.store),
-    "Run at sea": (
-        run.run,
-        run.listen,
-        replay.replay,
-        replay.findings,
-        replay.shadow,
-        doctor.doctor,
-    ),
-    "Cameras and stereo": (cameras.cameras, rig.calibrate, rig.depth),
-}
-"""The commands by their headings; each is its function's name."""
+def _commands() -> dict[str, tuple[Any, ...]]:
+    """The commands by their headings; each is its function's name."""
+    # Imported where they are asked for: `run` is started sooner without.
+    from . import cameras, compare, dataset, doctor, labels, models, replay, rig, train
+
+    return {
+        "Label": (labels.label, labels.labels_app),
+        "Train and compare": (
+            *(dataset.dataset_app, train.train, train.adapt, train.search),
+            *(compare.compare, compare.evaluate, models.models_app),
+        ),
+        "Deploy": (models.export, models.keygen, models.deploy, models.rollback, models.store),
+        "Run at sea": (
+            *(run.run, run.listen, replay.replay),
+            *(replay.findings, replay.shadow, doctor.doctor),
+        ),
+        "Cameras and stereo": (cameras.cameras, rig.calibrate, rig.depth),
+    }
 
 
-def _core_app() -> Commands:
+def core_app() -> Commands:
     """Return tokt's own commands, as a new app."""
     made = _new_app()
-    for heading, commands in _COMMANDS.items():
+    for heading, commands in _commands().items():
         for command in commands:
             if isinstance(command, Commands):
                 made.add_typer(command, rich_help_panel=heading)
@@ -93,12 +93,12 @@ def _core_app() -> Commands:
     return made
 
 
-app = _core_app()
-_OWN = {
-    str(command.info.name) if isinstance(command, Commands) else command.__name__
-    for commands in _COMMANDS.values()
-    for command in commands
-}
+def _is_own(name: str) -> bool:
+    return name in {
+        str(command.info.name) if isinstance(command, Commands) else command.__name__
+        for commands in _commands().values()
+        for command in commands
+    }
 
 
 @cache
@@ -106,7 +106,7 @@ def whole_app() -> Commands:
     """Return the commands of tokt and of other installed distributions."""
     from importlib.metadata import entry_points  # takes 10 ms, which `run` has no use for
 
-    made = _core_app()
+    made = core_app()
     # Of two commands of one name typer has the later one: these give way to those of the studies.
     anything = {"allow_extra_args": True, "ignore_unknown_options": True}
     for name in _OF_STUDIES:
@@ -142,7 +142,7 @@ def _app_for(arguments: list[str]) -> typer.Typer:
         alone = _new_app(add_completion=False)
         alone.command()(run.run)
         return alone
-    return app if arguments and arguments[0] in _OWN else whole_app()
+    return core_app() if arguments and _is_own(arguments[0]) else whole_app()
 
 
 def main() -> None:
