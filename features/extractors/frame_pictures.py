@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I64, U8
+from tokt.features.common.arrays import F32, F64, I64, U8
 from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.features.kernels.dispatch import KERNELS
@@ -40,6 +40,15 @@ def gray_picture(frame: U8, grid: Grid, threads: int = 1) -> U8:
     """
     frame = check_frame(frame, threads)
     return KERNELS.resized_gray(frame, *_picture_size(frame, grid), threads)
+
+
+def scaled_gray(frame: U8, size: tuple[int, int], threads: int = 1) -> F32:
+    """The frame gray, then of that width and height, float32: grey levels and fractions of them.
+
+    Averaged before rounding: frames in dark water hold only a few grey levels of signal.
+    """
+    width, height = size
+    return KERNELS.area_means(frame, height, width, threads)
 
 
 def _box_ends(size: int, covered: int, of: int, n: int) -> I64:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I16, I64, U8, U64
+from tokt.features.common.arrays import F32, F64, I16, I64, U8, U64
 from tokt.features.frames.grid import Grid
 
 from . import _native, numpy_pictures
@@ -34,7 +34,7 @@ from .quantization import (
     gray16_step,
 )
 
-_INTERFACE = 9
+_INTERFACE = 10
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
 
@@ -43,6 +43,7 @@ DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
 _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
 _MAX_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
 _INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
+_SMALLEST_CARRIED = 7  # pixels of a window: OpenCV adds up smaller ones by themselves
 _MAX_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
 # The bits that OpenCV gives on x86, where models are trained; ARM has no others.
 _KNOWN_ORDER = SUMS_AS_X86 or platform.machine().lower() in ("aarch64", "arm64")
@@ -147,6 +148,50 @@ def resized_gray(frame: U8, height: int, width: int, threads: int = 1) -> U8:
     tables = rows, columns, near_tie
     _do_rows("area", _native.area_gray, height, threads, pixels, *tables, picture)
     return picture
+
+
+_TAPS = 3  # weights that a pixel has at least, some of them 0: loops of one length are faster
+
+
+@lru_cache(maxsize=16)
+def _tap_tables(source: int, target: int) -> Any:
+    """`_area_tables` in which all targets have as many weights."""
+    first, begin, weights = area_weights(source, target)
+    counts = np.diff(first)
+    taps = max(int(counts.max()), _TAPS)
+    start = np.minimum(begin, source - taps)
+    padded = np.zeros((target, taps), np.float32)
+    own = np.arange(len(weights)) + np.repeat(begin - start - first[:-1], counts)
+    padded[np.repeat(np.arange(target), counts), own] = weights
+    ends = np.arange(0, padded.size + 1, taps, dtype=np.int32)
+    return _native.AreaTables(ends, start, padded.ravel())
+
+
+def area_means(
+    picture: NDArray[Any], height: int, width: int, threads: int = 1
+) -> NDArray[np.float32]:
+    """`Kernels.area_means`, to the last bit."""
+    means = np.empty((height, width), np.float32)
+    size = picture.shape[:2]
+    if picture.dtype == np.uint8 and size == (2 * height, 2 * width):
+        pixels = picture.reshape(*size, -1)
+        _do_rows("halved", _native.halved_gray, height, threads, pixels, means)
+        return means
+    own = _KNOWN_ORDER and picture.dtype == np.float32 and is_area_sum(size, height, width)
+    if not own or min(size) < _TAPS:
+        return numpy_pictures.area_means(picture, height, width)
+    tables = _area_tables(size[0], height), _tap_tables(size[1], width)
+    _do_rows("means", _native.area_means, height, threads, picture, *tables, means)
+    return means
+
+
+def local_contrast(view: F32, window: int, gain: float, least: float) -> tuple[F32, U8]:
+    """`Kernels.local_contrast`, to the last bit."""
+    if not _SMALLEST_CARRIED <= window < min(view.shape):
+        return numpy_pictures.local_contrast(view, window, gain, least)
+    sigma, even = np.empty(view.shape, np.float32), np.empty(view.shape, np.uint8)
+    _native.local_contrast(view, window, gain, least, sigma, even, SCRATCH.of["contrast"])
+    return sigma, even
 
 
 def lbp_nearest_counts(

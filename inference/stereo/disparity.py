@@ -186,7 +186,7 @@ def _gray16(frame: U8, scaled: F32) -> NDArray[np.uint16] | None:
     height, width = detail_grid(frame.shape[1]).resized(*frame.shape[:2])
     if scaled.shape[1] < width:
         return None
-    small = cv2.resize(scaled, (width, height), interpolation=cv2.INTER_AREA)
+    small = KERNELS.area_means(scaled, height, width)
     return np.asarray(np.rint(small * STEPS_PER_LEVEL), np.uint16)
 
 

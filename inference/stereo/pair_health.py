@@ -35,13 +35,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, U8
+from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.sight import SightMeter
 
 from .epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
-from .matching import LOCAL_SIGMA_GREY, Matches, local_mean_and_sigma
+from .matching import GAIN, LOCAL_SIGMA_GREY, MIN_SIGMA_GREY, Matches
 
 # Thresholds stand above the extremes of the sea trial's odd frames and hold on the even ones (odd /
 # even, true pairs). None of its 246 true pairs has a fault.
@@ -219,7 +220,7 @@ def _specks(view: F32) -> float:
     """
     width = min(_SPECK_WIDTH, view.shape[1])
     size = width, max(width * view.shape[0] // view.shape[1], 1)
-    small = np.asarray(cv2.resize(view, size, interpolation=cv2.INTER_AREA), np.float32)
+    small = KERNELS.area_means(view, size[1], size[0])
     fine = cv2.blur(small, (_SPECK_PX, _SPECK_PX)) - cv2.blur(small, (_AROUND_PX, _AROUND_PX))
     # The mean of what is normally distributed, without its sign, is 0.8 standard deviations.
     noise = cv2.blur(np.abs(fine), (_LOCAL_PX, _LOCAL_PX)) * math.sqrt(math.pi / 2)
@@ -320,8 +321,8 @@ def _textured_fraction(view: F32) -> float:
     small = view
     for by in (2, _QUARTER):  # in two steps, which take half the time of one
         size = (max(view.shape[1] // by, 1), max(view.shape[0] // by, 1))
-        small = np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_AREA), np.float32)
-    _, sigma = local_mean_and_sigma(small, _WINDOW_PX)
+        small = KERNELS.area_means(small, size[1], size[0])
+    sigma, _ = KERNELS.local_contrast(small, _WINDOW_PX, GAIN, MIN_SIGMA_GREY)
     return float(np.count_nonzero(sigma > LOCAL_SIGMA_GREY) / sigma.size)
 
 

@@ -52,7 +52,7 @@ from tokt.inference.verdict import PUSHBROOM, STATUS_MEAN_THRESHOLD, Detection
 
 from .calibration import StereoCalibration
 from .faint_matches import FaintMatches
-from .matching import Matches, even_contrast, local_mean_and_sigma
+from .matching import MIN_SIGMA_GREY, Matches
 from .odometry import Motion, Odometry, Pose, motion_between
 from .pair_health import PairFault, PairHealth, Unfit, unfit_pictures
 from .rectify import Rectifier
@@ -321,7 +321,7 @@ def _slices(rectifier: Rectifier) -> list[Slice]:
 
 def _normalized(view: F32) -> NormalizedView:
     """Local contrast normalisation, and where there are edges to match."""
-    even = even_contrast(view, *local_mean_and_sigma(view, CONTRAST_WINDOW_PX), EVEN_STEPS)
+    _, even = KERNELS.local_contrast(view, CONTRAST_WINDOW_PX, EVEN_STEPS, MIN_SIGMA_GREY)
     change = np.abs(cv2.Sobel(view, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8))
     return NormalizedView(even, _block_means(change))
 

@@ -78,6 +78,23 @@ cdef extern from "area.h" nogil:
                         uint8_t *out)
 
 
+cdef extern from "means.h" nogil:
+    void means_halved(const AreaFrame *frame, int first, int last, uint8_t *scratch, float *out)
+    void means_rows(const float *view, int stride, const AreaTable *rows,
+                    const AreaTable *columns, int first, int last, int width, float *along,
+                    float *out)
+
+
+cdef extern from "contrast.h" nogil:
+    ctypedef struct ContrastView:
+        const float *view
+        int height, width, window
+        float least, gain
+
+    size_t contrast_scratch(const ContrastView *view)
+    void contrast_view(const ContrastView *view, double *scratch, float *sigma, uint8_t *even)
+
+
 cdef extern from "gray16.h" nogil:
     ctypedef struct Gray16Table:
         const int32_t *first
@@ -204,7 +221,7 @@ cdef extern from *:
     """
 
 
-INTERFACE = 9
+INTERFACE = 10
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
@@ -365,6 +382,35 @@ def area_gray(const uint8_t[:, :, ::1] frame, AreaTables rows, AreaTables column
     with nogil:
         area_gray_rows(&view, &rows.table, &columns.table, first, last, out.shape[1], near_tie,
                        memory, &out[0, 0])
+
+
+def halved_gray(const uint8_t[:, :, ::1] frame, float[:, ::1] out, int first, int last,
+                Scratch scratch):
+    """Write rows first..last of the means of 2 x 2 pixels."""
+    cdef AreaFrame view = area_frame(frame)
+    cdef uint8_t *memory = <uint8_t *>scratch.of(2 * view.width)
+    with nogil:
+        means_halved(&view, first, last, memory, &out[0, 0])
+
+
+def area_means(const float[:, ::1] view, AreaTables rows, AreaTables columns, float[:, ::1] out,
+               int first, int last, Scratch scratch):
+    """Write rows first..last of a view's smaller one."""
+    cdef float *memory = <float *>scratch.of(out.shape[1] * sizeof(float))
+    with nogil:
+        means_rows(&view[0, 0], view.shape[1], &rows.table, &columns.table, first, last,
+                   out.shape[1], memory, &out[0, 0])
+
+
+def local_contrast(const float[:, ::1] view, int window, float gain, float least,
+                   float[:, ::1] sigma, uint8_t[:, ::1] even, Scratch scratch):
+    """Write the deviations around a view's pixels, and the view made even by them."""
+    cdef ContrastView contrast
+    contrast.view, contrast.height, contrast.width = &view[0, 0], view.shape[0], view.shape[1]
+    contrast.window, contrast.gain, contrast.least = window, gain, least
+    cdef double *memory = <double *>scratch.of(contrast_scratch(&contrast) * sizeof(double))
+    with nogil:
+        contrast_view(&contrast, memory, &sigma[0, 0], &even[0, 0])
 
 
 cdef class Gray16Tables:
