@@ -150,38 +150,32 @@ def resized_gray(frame: U8, height: int, width: int, threads: int = 1) -> U8:
     return picture
 
 
-_TAPS = 3  # weights that a pixel has at least, some of them 0: loops of one length are faster
-
-
 @lru_cache(maxsize=16)
-def _tap_tables(source: int, target: int) -> Any:
-    """`_area_tables` in which all targets have as many weights."""
+def _taps(source: int, target: int) -> tuple[NDArray[np.int32], F32]:
+    """From which of `source` pixels on three make up each of `target`, and their weights.
+
+    Those of `area_weights`, for at most a reduction to half; zeros beside them.
+    """
     first, begin, weights = area_weights(source, target)
-    counts = np.diff(first)
-    taps = max(int(counts.max()), _TAPS)
-    start = np.minimum(begin, source - taps)
-    padded = np.zeros((target, taps), np.float32)
-    own = np.arange(len(weights)) + np.repeat(begin - start - first[:-1], counts)
-    padded[np.repeat(np.arange(target), counts), own] = weights
-    ends = np.arange(0, padded.size + 1, taps, dtype=np.int32)
-    return _native.AreaTables(ends, start, padded.ravel())
+    start, taps = np.minimum(begin, source - 3), np.zeros((target, 3), np.float32)
+    of = np.repeat(np.arange(target), np.diff(first))
+    taps[of, np.arange(len(weights)) + (begin - start - first[:-1])[of]] = weights
+    return start, taps
 
 
-def area_means(
-    picture: NDArray[Any], height: int, width: int, threads: int = 1
-) -> NDArray[np.float32]:
+def area_means(picture: NDArray[Any], height: int, width: int, threads: int = 1) -> F32:
     """`Kernels.area_means`, to the last bit."""
-    means = np.empty((height, width), np.float32)
-    size = picture.shape[:2]
-    if picture.dtype == np.uint8 and size == (2 * height, 2 * width):
-        pixels = picture.reshape(*size, -1)
+    means, (tall, wide) = np.empty((height, width), np.float32), picture.shape[:2]
+    if picture.dtype == np.uint8 and (tall, wide) == (2 * height, 2 * width):
+        pixels = picture.reshape(tall, wide, -1)
         _do_rows("halved", _native.halved_gray, height, threads, pixels, means)
         return means
-    own = _KNOWN_ORDER and picture.dtype == np.float32 and is_area_sum(size, height, width)
-    if not own or min(size) < _TAPS:
+    small = min(tall, wide) >= 3 and max(tall / height, wide / width) <= 2
+    own = _KNOWN_ORDER and small and is_area_sum(picture.shape, height, width)
+    if picture.dtype == np.uint8 or not own:
         return numpy_pictures.area_means(picture, height, width)
-    tables = _area_tables(size[0], height), _tap_tables(size[1], width)
-    _do_rows("means", _native.area_means, height, threads, picture, *tables, means)
+    taps = *_taps(tall, height), *_taps(wide, width)
+    _do_rows("means", _native.area_means, height, threads, picture, *taps, means)
     return means
 
 

@@ -79,17 +79,21 @@ cdef extern from "area.h" nogil:
 
 
 cdef extern from "means.h" nogil:
+    ctypedef struct MeansTaps:
+        const int32_t *source
+        const float *weight
+
     void means_halved(const AreaFrame *frame, int first, int last, uint8_t *scratch, float *out)
-    void means_rows(const float *view, int stride, const AreaTable *rows,
-                    const AreaTable *columns, int first, int last, int width, float *along,
+    void means_rows(const float *view, Py_ssize_t stride, const MeansTaps *rows,
+                    const MeansTaps *columns, int first, int last, Py_ssize_t width, float *along,
                     float *out)
 
 
 cdef extern from "contrast.h" nogil:
     ctypedef struct ContrastView:
         const float *view
-        int height, width, window
-        float least, gain
+        Py_ssize_t height, width, window
+        float gain, least
 
     size_t contrast_scratch(const ContrastView *view)
     void contrast_view(const ContrastView *view, double *scratch, float *sigma, uint8_t *even)
@@ -393,13 +397,17 @@ def halved_gray(const uint8_t[:, :, ::1] frame, float[:, ::1] out, int first, in
         means_halved(&view, first, last, memory, &out[0, 0])
 
 
-def area_means(const float[:, ::1] view, AreaTables rows, AreaTables columns, float[:, ::1] out,
+def area_means(const float[:, ::1] view, const int32_t[::1] row, const float[:, ::1] row_weights,
+               const int32_t[::1] column, const float[:, ::1] column_weights, float[:, ::1] out,
                int first, int last, Scratch scratch):
-    """Write rows first..last of a view's smaller one."""
+    """Write rows first..last of a view resized: from which row and column on, with three weights."""
+    cdef MeansTaps rows, columns
+    rows.source, rows.weight = &row[0], &row_weights[0, 0]
+    columns.source, columns.weight = &column[0], &column_weights[0, 0]
     cdef float *memory = <float *>scratch.of(out.shape[1] * sizeof(float))
     with nogil:
-        means_rows(&view[0, 0], view.shape[1], &rows.table, &columns.table, first, last,
-                   out.shape[1], memory, &out[0, 0])
+        means_rows(&view[0, 0], view.shape[1], &rows, &columns, first, last, out.shape[1], memory,
+                   &out[0, 0])
 
 
 def local_contrast(const float[:, ::1] view, int window, float gain, float least,
