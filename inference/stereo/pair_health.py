@@ -27,14 +27,15 @@ What cannot be found:
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, U8
+from tokt.features.kernels.checks import over_rows
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
@@ -146,6 +147,21 @@ class PairFault:
         return Fault(self.code, self.reason)
 
 
+SIDES = ("left", "right")
+Made = TypeVar("Made")
+
+
+def of_both_sides(make: Callable[[str, U8], Made], frame: Frame, threads: int) -> tuple[Made, Made]:
+    """Make something of each side and its picture; with two threads, left and right at once."""
+    made: dict[str, Made] = {}
+
+    def work(first: int, last: int) -> None:
+        made.update((side, make(side, getattr(frame, side))) for side in SIDES[first:last])
+
+    over_rows(work, len(SIDES), threads)
+    return made["left"], made["right"]
+
+
 def pair_fault(
     left_view: F32, right_view: F32, matches: Matches, offset: EpipolarOffset | None
 ) -> PairFault | None:
@@ -174,15 +190,13 @@ class Unfit:
         return self.fault.reason is Reason.STEREO
 
 
-def unfit_pictures(
-    sight: SightMeter, frame: Frame, small: Sequence[NDArray[np.uint16] | None]
-) -> Unfit:
-    """Find the picture of which too much is not seen; `small` are as `SightMeter.of` takes them."""
+def unfit_pictures(sight: SightMeter, frame: Frame) -> Unfit:
+    """Find the picture of a pair of which too much is not seen."""
     left, right = frame.left, frame.right
     if left is None or right is None:
         return Unfit()
-    for side, gray16 in zip(("left", "right"), small, strict=True):
-        if fault := sight.of(frame, side, gray16).fault:
+    for side in SIDES:
+        if fault := sight.of(frame, side).fault:
             return Unfit(fault.about(side), vetoes_clear=side == "left")
     if np.array_equal(left[::_ROW_STEP], right[::_ROW_STEP]):
         one = "the left and right frames are one and the same picture"

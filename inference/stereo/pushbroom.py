@@ -54,7 +54,7 @@ from .calibration import StereoCalibration
 from .faint_matches import FaintMatches
 from .matching import MIN_SIGMA_GREY, Matches
 from .odometry import Motion, Odometry, Pose, motion_between
-from .pair_health import PairFault, PairHealth, Unfit, unfit_pictures
+from .pair_health import PairFault, PairHealth, Unfit, of_both_sides, unfit_pictures
 from .rectify import Rectifier
 
 DISTANCES_M = (8.0, 6.0, 4.0, 3.0, 2.0)
@@ -140,6 +140,7 @@ class PushbroomDetector:
     grid: Grid  # its width is the mask's
     odometry: Odometry | None = None
     sight: SightMeter = field(default_factory=stereo_meter)
+    threads: int = 1  # with 2 the left and right views are made side by side
     method: ClassVar = PUSHBROOM
 
     def __post_init__(self) -> None:
@@ -171,15 +172,21 @@ class PushbroomDetector:
         fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
             return self._unjudged(fault)
-        left, right = small = self._gray16(frame.left), self._gray16(frame.right)
-        views = self.rectifier.left_of(_levels(left)), self.rectifier.right_of(_levels(right))
-        evened = _normalized(views[0])
-        seen = self._depths(evened, _normalized(views[1]))
+
+        def view(side: str, picture: U8) -> tuple[F32, NormalizedView]:
+            gray16 = self._gray16(picture)
+            self.sight.of(frame, side, gray16)
+            moved = self.rectifier.left_of if side == "left" else self.rectifier.right_of
+            rectified = moved(_levels(gray16))
+            return rectified, _normalized(rectified)
+
+        (left, evened), (right, other) = of_both_sides(view, frame, self.threads)
+        seen = self._depths(evened, other)
         hit = (seen > 0).astype(np.uint8)  # of cells; below, where the views show it
         hits = cv2.resize(hit, self.rectifier.size, interpolation=cv2.INTER_NEAREST).astype(bool)
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
-        unfit = unfit_pictures(self.sight, frame, small)
-        judged = self._judge(views, seen, hits, textured, unfit)
+        unfit = unfit_pictures(self.sight, frame)
+        judged = self._judge((left, right), seen, hits, textured, unfit)
         return replace(judged, sight=self.sight.of(frame))
 
     def _judge(
