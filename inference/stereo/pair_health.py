@@ -112,10 +112,9 @@ _TURNS = np.array([np.rot90(way, by).ravel() for way in (_PLACES, _PLACES.T) for
 """Where each part comes from when a view is turned and mirrored; first as it is."""
 _EVENLY = (np.arange(_PARTS) - (_PARTS - 1) / 2) / np.arange(_PARTS).std()
 SPECKS = 4.2
-"""How many times as bright as noise the brightest specks of the water are at least, as `_specks`
-says. Left and right view of frames 1 to 131 and 205 to 246: 4.0 and 5.2 at least, of all but one
-4.3 and 5.5. A light with a camera's noise and nothing in it, or a view blurred under such noise:
-4.0 at most."""
+"""How many times as bright as noise `_SPECK_PART` of the water is at least. Left and right view of
+frames 1 to 131 and 205 to 246: 4.0 and 5.2 at least, of all but one 4.3 and 5.5. A light with a
+camera's noise and nothing in it, or a view blurred under such noise: 4.0 at most."""
 _SPECK_WIDTH = 340  # of the view at most, in pixels, so that a speck is a pixel or a few
 _SPECK_PART = 2.3e-4  # of the pixels, 20 of them
 _SPECK_PX, _AROUND_PX, _LOCAL_PX = 3, 9, 61
@@ -216,7 +215,7 @@ def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
             level = f"the {side} view has lost its contrast: haze, glow or no true picture"
             return PairFault(level, vetoes_clear=True)
     for side, view in (("left", left_view), ("right", right_view)):
-        if _specks(view) < SPECKS:
+        if not _has_specks(view):
             words = f"the {side} view shows noise and not a speck of the water: nothing is seen"
             return PairFault(words, vetoes_clear=side == "left", code=Reason.BLANK)
     alike = _fall(right).ravel()[_TURNS] @ _fall(left).ravel()
@@ -226,24 +225,20 @@ def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
     return None
 
 
-def _specks(view: F32) -> float:
-    """How far the brightest few pixels of a view stand out, as a multiple of noise near them.
+def _has_specks(view: F32) -> bool:
+    """Whether the brightest few pixels of a view stand out from noise near them (`SPECKS`).
 
     Water has specks in it, which scatter the lamps' light. Noise has no such tail: where that is
     all there is, no match does not mean that nothing is there.
     """
     width = min(_SPECK_WIDTH, view.shape[1])
-    size = width, max(width * view.shape[0] // view.shape[1], 1)
-    small = KERNELS.area_means(view, size[1], size[0])
+    small = KERNELS.area_means(view, max(width * view.shape[0] // view.shape[1], 1), width)
     fine = cv2.blur(small, (_SPECK_PX, _SPECK_PX)) - cv2.blur(small, (_AROUND_PX, _AROUND_PX))
     # The mean of what is normally distributed, without its sign, is 0.8 standard deviations.
     noise = cv2.blur(np.abs(fine), (_LOCAL_PX, _LOCAL_PX)) * math.sqrt(math.pi / 2)
     inside = np.s_[_AROUND_PX:-_AROUND_PX, _AROUND_PX:-_AROUND_PX]
-    brightness = (fine[inside] / np.maximum(noise[inside], 1e-3)).ravel()
-    if not len(brightness):  # a view of a few rows or columns
-        return 0.0
-    last = len(brightness) - 1 - int(_SPECK_PART * len(brightness))
-    return float(np.partition(brightness, last)[last])
+    brightness = fine[inside] / np.maximum(noise[inside], 1e-3)
+    return int(np.count_nonzero(brightness > SPECKS)) > int(_SPECK_PART * brightness.size)
 
 
 def _light(view: F32) -> F64:
@@ -334,8 +329,7 @@ def _textured_fraction(view: F32) -> float:
     """Part of a view with local contrast, seen at a quarter of its size."""
     small = view
     for by in (2, _QUARTER):  # in two steps, which take half the time of one
-        size = (max(view.shape[1] // by, 1), max(view.shape[0] // by, 1))
-        small = KERNELS.area_means(small, size[1], size[0])
+        small = KERNELS.area_means(small, max(view.shape[0] // by, 1), max(view.shape[1] // by, 1))
     sigma, _ = KERNELS.local_contrast(small, _WINDOW_PX, GAIN, MIN_SIGMA_GREY)
     return float(np.count_nonzero(sigma > LOCAL_SIGMA_GREY) / sigma.size)
 

@@ -279,7 +279,9 @@ class PushbroomDetector:
         """The verdict's mask, distance and note from what is remembered, the present included."""
         memory = self._memory
         note = f"pushbroom sees only at {self._where}"
-        mask = self.rectifier.to_left(memory.mask(), *self._mask_size)
+        mask = np.zeros(self._mask_size, np.uint8)
+        if len(memory.ages):
+            mask = self.rectifier.to_left(memory.mask(), *self._mask_size)
         if cv2.mean(mask)[0] <= STATUS_MEAN_THRESHOLD:
             if textured:
                 fault = f"something is in view, but at none of {self._where}; or a wrong pair"
