@@ -7,7 +7,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, I64, U8, U16
+from tokt.features.common.arrays import F32, F64, I64, U8, U16
 from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.features.kernels.dispatch import KERNELS
@@ -42,6 +42,15 @@ def gray_picture(frame: U8, grid: Grid, threads: int = 1) -> U8:
     """
     frame = check_frame(frame, threads)
     return KERNELS.resized_gray(frame, *_picture_size(frame, grid), threads)
+
+
+def scaled_gray(frame: U8, size: tuple[int, int], threads: int = 1) -> F32:
+    """The frame gray, then of that width and height, float32: grey levels and fractions of them.
+
+    Averaged before rounding: frames in dark water hold only a few grey levels of signal.
+    """
+    width, height = size
+    return KERNELS.area_means(frame, height, width, threads)
 
 
 def _box_ends(size: int, covered: int, of: int, n: int) -> I64:
@@ -82,7 +91,8 @@ class SharedPictures:
     =============  ===============  ========================================================
     picture        pixels wide      who looks at it
     =============  ===============  ========================================================
-    `gray16`       360              sight; pushbroom
+    `gray16`       360              pushbroom
+    `near_gray16`  360              sight
     `rounded`      360              flow, sediment, the watch for marks that never move
     `picture`      the grid's, 360  texture models, by their specs' images; a named object
     `colours`      as it is         texture models that look at colours
@@ -145,8 +155,13 @@ class FramePictures:
             self._made.offer(plain, gray)
 
     def offer(self, gray16: U16) -> None:
-        """Take a 16-bit gray picture of this size that was made elsewhere, if there is none yet."""
-        self._made.offer(("gray16", self.size), gray16)
+        """Take what stereo made on its way to be `near_gray16`, if there is none yet."""
+        self._made.offer(("near gray16", self.size), gray16)
+
+    @property
+    def near_gray16(self) -> U16:
+        """`gray16`, or one of the same size that was rounded more than once."""
+        return self._made.once(("near gray16", self.size), lambda: self.gray16)
 
     def _quantized(self, image: Quantization) -> U8:
         gray16 = self.gray16
@@ -163,11 +178,11 @@ class FramePictures:
 
     @property
     def rounded(self) -> U8:
-        """`gray16` in whole grey levels, uint8."""
+        """`near_gray16` in whole grey levels, uint8."""
         half = STEPS_PER_LEVEL // 2
         return self._made.once(
             ("rounded", self.size),
-            lambda: ((self.gray16 + half) // STEPS_PER_LEVEL).astype(np.uint8),
+            lambda: ((self.near_gray16 + half) // STEPS_PER_LEVEL).astype(np.uint8),
         )
 
     @property

@@ -122,7 +122,7 @@ def patch_detail(
     least_px = _LEAST_PATCH_PX * max(grid.rows, grid.cols)
     if rows is None or min(small) < least_px or math.prod(small) > MAX_PICTURE:
         return None
-    gray16 = (pictures or FramePictures(frame, grid)).gray16
+    gray16 = (pictures or FramePictures(frame, grid)).near_gray16
     sums = KERNELS.difference_sums(frame, rows.ravel(), grid.cols, _LAGS)
     sums = sums.reshape(*rows.shape, grid.cols, -1)
     channels = frame.shape[2] if frame.ndim == 3 else 1

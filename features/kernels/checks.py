@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from tokt.features.common.arrays import I64, U8, U16, U32, U64
+from tokt.features.common.arrays import F32, I64, U8, U16, U32, U64
 
 if TYPE_CHECKING:
     from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +19,9 @@ MAX_PIXELS = 1 << 31
 """Pixels of a frame; of more, a sum could pass 2**53, up to which double precision is exact."""
 MAX_SAMPLES = 64  # on a line; the sum of as many levels fits 16 bits
 MAX_LAG = 64  # pixels
+MAX_GAIN = (
+    4096  # at most what a grey level becomes; 255 of them stay below 2**22, and can be rounded
+)
 MAX_BOX = 15  # pixels; the sum of a box fits 24 bits
 MAX_POINTS = 64  # a pattern is one machine word
 MAX_RADIUS = 1024.0  # pixels; wider than any patch, and sums of sizes stay small
@@ -75,6 +78,25 @@ def check_sums(sums: U32, shape: tuple[int, ...]) -> U32:
     if sums.dtype != np.uint32 or sums.shape != (height + 1, width + 1):
         raise ValueError(f"sums are uint32 of {(height + 1, width + 1)}, not {sums.shape}")
     return np.ascontiguousarray(sums)
+
+
+def check_view(view: Any, threads: int = 1) -> F32:
+    """A picture of grey levels and fractions in C order, copied only if it is not in C order yet.
+
+    TypeError if it is not an array of float32, ValueError if it has another shape or no pixel.
+    """
+    _check_array(view, threads, np.float32)
+    if view.ndim != 2 or not view.size:
+        raise ValueError(f"a view is (height, width), not {view.shape}")
+    return np.ascontiguousarray(view)
+
+
+def check_contrast(window: int, gain: float, least: float) -> None:
+    """Check that a view can be made even so; ValueError if not."""
+    if type(window) is not int or window < 1 or window % 2 == 0:
+        raise ValueError(f"a window is an odd number of pixels, not {window!r}")
+    if not 0 < gain <= MAX_GAIN * least:
+        raise ValueError(f"a deviation of {least} or more cannot become {gain} grey levels")
 
 
 def check_size(height: int, width: int) -> None:

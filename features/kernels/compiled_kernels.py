@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I16, I64, U8, U16, U32, U64
+from tokt.features.common.arrays import F32, F64, I16, I64, U8, U16, U32, U64
 from tokt.features.frames.grid import Grid
 
 from . import _native, numpy_pictures
@@ -42,6 +42,7 @@ DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
 _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
 _MAX_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
 _INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
+_SMALLEST_CARRIED = 7  # pixels of a window: OpenCV adds up smaller ones by themselves
 _MAX_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
 _MAX_SIDE = 1000  # pixels: of such pictures a share can be under a thousandth of a pixel
 # The bits that OpenCV gives on x86, where models are trained; ARM has no others.
@@ -194,6 +195,44 @@ def resized_grays(frame: U8, height: int, width: int, threads: int = 1) -> tuple
     gray16, gray = np.empty((height, width), np.uint16), np.empty((height, width), np.uint8)
     _made(frame, gray16, gray, threads)
     return gray16, gray
+
+
+@lru_cache(maxsize=16)
+def _taps(source: int, target: int) -> tuple[NDArray[np.int32], F32]:
+    """From which of `source` pixels on three make up each of `target`, and their weights.
+
+    Those of `area_weights`, for at most a reduction to half; zeros beside them.
+    """
+    first, begin, weights = area_weights(source, target)
+    start, taps = np.minimum(begin, source - 3), np.zeros((target, 3), np.float32)
+    of = np.repeat(np.arange(target), np.diff(first))
+    taps[of, np.arange(len(weights)) + (begin - start - first[:-1])[of]] = weights
+    return start, taps
+
+
+def area_means(picture: NDArray[Any], height: int, width: int, threads: int = 1) -> F32:
+    """`Kernels.area_means`, to the last bit."""
+    means, (tall, wide) = np.empty((height, width), np.float32), picture.shape[:2]
+    if picture.dtype == np.uint8 and (tall, wide) == (2 * height, 2 * width):
+        pixels = picture.reshape(tall, wide, -1)
+        _do_rows("halved", _native.halved_gray, height, threads, pixels, means)
+        return means
+    small = min(tall, wide) >= 3 and max(tall / height, wide / width) <= 2
+    own = _KNOWN_ORDER and small and is_area_sum(picture.shape, height, width)
+    if picture.dtype == np.uint8 or not own:
+        return numpy_pictures.area_means(picture, height, width)
+    taps = *_taps(tall, height), *_taps(wide, width)
+    _do_rows("means", _native.area_means, height, threads, picture, *taps, means)
+    return means
+
+
+def local_contrast(view: F32, window: int, gain: float, least: float) -> tuple[F32, U8]:
+    """`Kernels.local_contrast`, to the last bit."""
+    if not _SMALLEST_CARRIED <= window < min(view.shape):
+        return numpy_pictures.local_contrast(view, window, gain, least)
+    sigma, even = np.empty(view.shape, np.float32), np.empty(view.shape, np.uint8)
+    _native.local_contrast(view, window, gain, least, sigma, even, SCRATCH.of["contrast"])
+    return sigma, even
 
 
 def lbp_nearest_counts(

@@ -13,14 +13,16 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I16, I64, U8, U16, U32, U64
+from tokt.features.common.arrays import F32, F64, I16, I64, U8, U16, U32, U64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
 from .block_matching import BlockMatching, check_views
 from .checks import (
     check_box,
+    check_contrast,
     check_frame,
     check_gray,
     check_gray16,
@@ -33,6 +35,7 @@ from .checks import (
     check_signs,
     check_size,
     check_sums,
+    check_view,
     check_weights,
 )
 from .quantization import Quantization
@@ -184,6 +187,53 @@ class Kernels:
         Crow (1984), "Summed-area tables for texture mapping", SIGGRAPH.
         """
         return np.asarray(self.module.summed_area(check_gray16(gray16)))
+
+    def area_means(self, picture: NDArray[Any], height: int, width: int, threads: int = 1) -> F32:
+        """A frame made gray and rounded to whole grey levels, or a view, then resized by area.
+
+        Parameters
+        ----------
+        picture : array
+            A frame of uint8; or a view, float32, shape (rows, columns).
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, shape (height, width), grey levels and fractions of them: the bits that OpenCV
+            gives on x86.
+
+        References
+        ----------
+        OpenCV ``resize`` with ``INTER_AREA``; ITU-R BT.601.
+        """
+        check = check_view if getattr(picture, "dtype", None) == np.float32 else check_frame
+        check_size(height, width)
+        return np.asarray(self.module.area_means(check(picture, threads), height, width, threads))
+
+    def local_contrast(self, view: F32, window: int, gain: float, least: float) -> tuple[F32, U8]:
+        """The standard deviation around each pixel of a view, and the view made even by it.
+
+        Parameters
+        ----------
+        view : array of float32, shape (height, width)
+            Grey levels, 0 to 255.
+        window : int
+            Height and width in pixels of what is around a pixel, odd; mirrored beyond the edge.
+        gain : float
+            Grey levels that one local standard deviation becomes.
+        least : float
+            Grey levels, above 0, that a smaller deviation counts as.
+
+        Returns
+        -------
+        sigma : array of float32, shape (height, width)
+            Local standard deviations in grey levels.
+        even : array of uint8, shape (height, width)
+            The view with the same local contrast everywhere, 128 being the local mean.
+        """
+        check_contrast(window, gain, least)
+        sigma, even = self.module.local_contrast(check_view(view), window, gain, least)
+        return sigma, even
 
     def quantize(
         self, gray16: U16, quantization: Quantization, threads: int = 1, sums: U32 | None = None

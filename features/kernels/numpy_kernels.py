@@ -20,11 +20,13 @@ from tokt.features.frames.grid import Grid
 from .block_matching import block_disparity as block_disparity
 from .checks import over_rows
 from .lbp_points import lbp_points, nearest_points
+from .numpy_pictures import area_means as area_means
 from .numpy_pictures import box_sums as box_sums
 from .numpy_pictures import curvature_sums as curvature_sums
 from .numpy_pictures import difference_sums as difference_sums
 from .numpy_pictures import histograms
 from .numpy_pictures import level_counts as level_counts
+from .numpy_pictures import local_contrast as local_contrast
 from .numpy_pictures import quantize as quantize
 from .numpy_pictures import resized_gray as resized_gray
 from .numpy_pictures import resized_gray16 as resized_gray16

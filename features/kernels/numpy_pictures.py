@@ -3,12 +3,13 @@
 import platform
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I64, U8, U16, U32, U64
+from tokt.features.common.arrays import F32, F64, I64, U8, U16, U32, U64
 from tokt.features.frames.grid import Grid
 
 from .quantization import (
@@ -138,7 +139,7 @@ def is_area_sum(shape: tuple[int, ...], height: int, width: int) -> bool:
     return min(down) >= 1 and not all(scale.is_integer() for scale in down)
 
 
-def summed_as_x86(frame: U8, height: int, width: int) -> U8:
+def summed_as_x86(frame: NDArray[Any], height: int, width: int) -> F32:
     """A reduction by area in the order of OpenCV on x86: along rows, then down, single precision.
 
     OpenCV's own on other processors adds up in other orders, and some pixels differ.
@@ -153,7 +154,7 @@ def summed_as_x86(frame: U8, height: int, width: int) -> U8:
             weight = weights[first[has] + step].reshape(-1, *[1] * (taken.ndim - 1))
             added[has] += weight * taken[sources[has] + step]
         sums = np.moveaxis(added, 0, axis)
-    return np.rint(sums).astype(np.uint8)
+    return sums
 
 
 SUMS_AS_X86 = platform.machine().lower() in ("x86_64", "amd64")
@@ -166,10 +167,38 @@ def resized_gray(frame: U8, height: int, width: int, threads: int = 1) -> U8:
         if SUMS_AS_X86 or not is_area_sum(frame.shape, height, width):
             frame = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA))
         else:
-            frame = summed_as_x86(frame, height, width)
+            frame = np.rint(summed_as_x86(frame, height, width)).astype(np.uint8)
     if frame.ndim == 3:
         frame = np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
     return frame.astype(np.uint8, copy=False)
+
+
+def area_means(picture: NDArray[Any], height: int, width: int, threads: int = 1) -> F32:
+    """`Kernels.area_means`."""
+    if picture.ndim == 3:
+        picture = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+    if not SUMS_AS_X86 and is_area_sum(picture.shape, height, width):
+        return summed_as_x86(picture, height, width)
+    levels = picture.astype(np.float32, copy=False)
+    means = cv2.resize(levels, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(means, np.float32)
+
+
+_MIDDLE = 128.0
+
+
+def local_contrast(view: F32, window: int, gain: float, least: float) -> tuple[F32, U8]:
+    """`Kernels.local_contrast`."""
+    around = (window, window)
+    mean = cv2.boxFilter(view, cv2.CV_32F, around)
+    variance = cv2.sqrBoxFilter(view, cv2.CV_32F, around)
+    cv2.subtract(variance, cv2.multiply(mean, mean), dst=variance)
+    cv2.threshold(variance, 0, 0, cv2.THRESH_TOZERO, dst=variance)
+    sigma = cv2.sqrt(variance, dst=variance)
+    even = cv2.subtract(view, mean)
+    cv2.divide(even, np.maximum(sigma, np.float32(least)), dst=even, scale=gain)
+    raised = cv2.addWeighted(even, 1.0, even, 0.0, _MIDDLE, dtype=cv2.CV_8U)
+    return np.asarray(sigma, np.float32), np.asarray(raised, np.uint8)
 
 
 def box_sums(frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:

@@ -20,8 +20,10 @@ from tokt.features.common.arrays import F64, I64, U8, U16, U32, U64
 from tokt.features.frames.grid import Grid
 
 from .block_matching import block_disparity as block_disparity
+from .numpy_pictures import area_means as area_means
 from .numpy_pictures import curvature_sums as curvature_sums
 from .numpy_pictures import difference_sums as difference_sums
+from .numpy_pictures import local_contrast as local_contrast
 from .numpy_pictures import resized_gray as resized_gray
 from .quantization import Quantization
 

@@ -62,16 +62,17 @@ class StereoSetup:
         baseline_m = float(np.linalg.norm(calibration.T_mm)) / 1000
         return float(calibration.K1[0, 0]) * baseline_m / calibration.frame_size[0]
 
-    def detector(self, grid: Grid, sight: SightMeter) -> Detector:
+    def detector(self, grid: Grid, sight: SightMeter, threads: int = 1) -> Detector:
         """The detector, its mask as wide as the grid wants it; maps are read from `sight`."""
         # Imported where there are pairs: a runtime without is started sooner.
         if self.algorithm == PUSHBROOM:
             from tokt.inference.stereo.pushbroom import PushbroomDetector
 
-            return PushbroomDetector(self.calibration, grid, self.odometry, sight)
+            return PushbroomDetector(self.calibration, grid, self.odometry, sight, threads)
         from tokt.inference.stereo.disparity import DisparityDetector
 
-        return DisparityDetector(self.calibration, grid, self.algorithm, self.scale, sight=sight)
+        ways = self.algorithm, self.scale
+        return DisparityDetector(self.calibration, grid, *ways, sight=sight, threads=threads)
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def assemble(
     does, and only with a calibration: every verdict's health then says why there is no model.
     `stereo` is what disparity needs, `anchor` what is to be held in the picture, and `stopwatch`
     what lateness is measured with. Verdicts do not depend on `threads`, which share one frame's
-    rows of patches.
+    rows of patches, or a pair's two pictures.
 
     `moving` says which of the things that move by themselves are avoided: ``near``, ``all`` or
     ``none``. With None neither they nor sediment are looked for, as in the logs of an older tokt.
@@ -138,7 +139,7 @@ def assemble(
         fault = str(error)
     grid = DEFAULT_GRID if model is None else model.grid
     sight = SightMeter() if stereo is None else stereo_meter()
-    disparity = None if stereo is None else stereo.detector(grid, sight)
+    disparity = None if stereo is None else stereo.detector(grid, sight, threads)
     blind_m = 0.0 if stereo is None else stereo.blind_m
     texture = ReloadableTextureDetector(
         None if model is None else TextureDetector(model, threads, sight), fault

@@ -33,7 +33,7 @@ from .calibration import StereoCalibration
 from .epipolar_drift import EpipolarDriftCorrection
 from .faint_matches import FaintMatches
 from .matching import STEP_PX, DenseMatcher, Matches
-from .pair_health import PairFault, PairHealth, Unfit, unfit_pictures
+from .pair_health import PairFault, PairHealth, Unfit, of_both_sides, unfit_pictures
 from .rectify import Rectifier
 
 NEAR_PERCENTILE = 20.0
@@ -71,6 +71,7 @@ class DisparityDetector:
     kernels: Kernels = KERNELS
     step: int = STEP_PX  # match every so many rows and columns only, for speed; 1 for all
     sight: SightMeter = field(default_factory=stereo_meter)
+    threads: int = 1  # with 2 the left and right views are made side by side
     method: ClassVar = DISPARITY
 
     def __post_init__(self) -> None:
@@ -99,13 +100,19 @@ class DisparityDetector:
         fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
             return Observation(Detection(None, DISPARITY, fault=fault), None)
-        scaled = [self.rectifier.scaled(picture) for picture in (frame.left, frame.right)]
-        small = _gray16(frame.left, scaled[0]), _gray16(frame.right, scaled[1])
-        unfit = unfit_pictures(self.sight, frame, small)
-        views = (
-            self.rectifier.left_of(scaled[0]),
-            self.rectifier.right_of(scaled[1], self.row_shift_px),
-        )
+
+        def view(side: str, picture: U8) -> F32:
+            scaled = self.rectifier.scaled(picture)
+            small = _gray16(picture, scaled)
+            if small is not None:
+                frame.pictures(side, detail_grid(picture.shape[1])).offer(small)
+            self.sight.of(frame, side)
+            if side == "left":
+                return self.rectifier.left_of(scaled)
+            return self.rectifier.right_of(scaled, self.row_shift_px)
+
+        views = of_both_sides(view, frame, self.threads)
+        unfit = unfit_pictures(self.sight, frame)
         found = self._matcher.match(*views)
         offset = self._drift.add(*views, found, self.rectifier.scale)
         doubt = self._health.judge(*views, found, offset, self._drift)
@@ -186,7 +193,7 @@ def _gray16(frame: U8, scaled: F32) -> NDArray[np.uint16] | None:
     height, width = detail_grid(frame.shape[1]).resized(*frame.shape[:2])
     if scaled.shape[1] < width:
         return None
-    small = cv2.resize(scaled, (width, height), interpolation=cv2.INTER_AREA)
+    small = KERNELS.area_means(scaled, height, width)
     return np.asarray(np.rint(small * STEPS_PER_LEVEL), np.uint16)
 
 

@@ -140,9 +140,9 @@ class FaintMatches:
 
     def _look(self, left: F32, right: F32) -> _Faint:
         """Match a pair of views, and say what stays."""
-        size = self.rectifier.size
-        views = (cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in (left, right))
-        found = self._matcher.match(*(np.asarray(view, np.float32) for view in views))
+        width, height = self.rectifier.size
+        views = (self._matcher.kernels.area_means(view, height, width) for view in (left, right))
+        found = self._matcher.match(*views)
         shares = _shares(found.valid, self.rectifier)
         textured = _shares(found.textured, self.rectifier)
         alone = np.where(shares < MATCHED_OF_TEXTURED * textured, textured, 0.0)

@@ -37,33 +37,6 @@ from .rectify import Rectifier
 
 MIN_SIGMA_GREY = 1.0
 """Grey levels. A local deviation below counts as this much, or noise alone would fill the view."""
-_MIDDLE = 128.0
-
-
-def local_mean_and_sigma(view: F32, window_px: int) -> tuple[F32, F32]:
-    """Mean and standard deviation of a view in grey levels, around each pixel."""
-    window = (window_px, window_px)
-    mean = cv2.boxFilter(view, cv2.CV_32F, window)
-    variance = cv2.sqrBoxFilter(view, cv2.CV_32F, window)
-    cv2.subtract(variance, cv2.multiply(mean, mean), dst=variance)
-    cv2.threshold(variance, 0, 0, cv2.THRESH_TOZERO, dst=variance)
-    sigma = cv2.sqrt(variance, dst=variance)
-    return np.asarray(mean, np.float32), np.asarray(sigma, np.float32)
-
-
-def even_contrast(
-    view: F32, mean: F32, sigma: F32, gain: float, least_sigma: float = MIN_SIGMA_GREY
-) -> U8:
-    """The view with the same local contrast everywhere, 128 being the local mean.
-
-    `gain` is the grey levels that one local standard deviation becomes; a smaller one than
-    `least_sigma` grey levels counts as that much.
-    """
-    even = cv2.subtract(view, mean)
-    cv2.divide(even, np.maximum(sigma, least_sigma), dst=even, scale=gain)
-    raised = cv2.addWeighted(even, 1.0, even, 0.0, _MIDDLE, dtype=cv2.CV_8U)
-    return np.asarray(raised, np.uint8)
-
 
 NEAREST_M, FARTHEST_M = 1.65, 10.6
 """Depths in metres that are searched: disparities 32 to 207 at half the mission's resolution."""
@@ -185,17 +158,15 @@ class DenseMatcher:
 
     def match(self, left: F32, right: F32) -> Matches:
         """Match a pair of rectified views, float32, of the rectifier's size."""
-        left_mean, left_sigma = local_mean_and_sigma(left, self._window)
+        least = self.contrast.least_sigma
+        left_sigma, left_even = self.kernels.local_contrast(left, self._window, GAIN, least)
         textured = (left_sigma > self.contrast.local_sigma).view(np.uint8)
         textured &= self._searched
         if cv2.countNonZero(textured) < self._least_blob:
             nothing = np.zeros(left.shape, bool)
             none = np.full(left.shape, self.settings.unmatched / PER_PIXEL, np.float32)
             return Matches(none, nothing, textured.view(bool), self.searched)
-        right_mean, right_sigma = local_mean_and_sigma(right, self._window)
-        least = self.contrast.least_sigma
-        left_even = even_contrast(left, left_mean, left_sigma, GAIN, least)
-        right_even = even_contrast(right, right_mean, right_sigma, GAIN, least)
+        right_sigma, right_even = self.kernels.local_contrast(right, self._window, GAIN, least)
         wanted = np.asarray(cv2.bitwise_and(textured, self._matched_pixels), np.uint8)
         disparity = self._disparity(left_even, right_even, wanted)
         matched = np.s_[:: self.step, :: self.step]

@@ -27,22 +27,23 @@ What cannot be found:
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, U8
-from tokt.features.extractors.patch_detail import detail_grid
+from tokt.features.kernels.checks import over_rows
+from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.sight import SightMeter
 
 from .epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
-from .matching import LOCAL_SIGMA_GREY, Matches, local_mean_and_sigma
+from .matching import GAIN, LOCAL_SIGMA_GREY, MIN_SIGMA_GREY, Matches
 
 # Thresholds stand above the extremes of the sea trial's odd frames and hold on the even ones (odd /
 # even, true pairs). None of its 246 true pairs has a fault.
@@ -111,10 +112,9 @@ _TURNS = np.array([np.rot90(way, by).ravel() for way in (_PLACES, _PLACES.T) for
 """Where each part comes from when a view is turned and mirrored; first as it is."""
 _EVENLY = (np.arange(_PARTS) - (_PARTS - 1) / 2) / np.arange(_PARTS).std()
 SPECKS = 4.2
-"""How many times as bright as noise the brightest specks of the water are at least, as `_specks`
-says. Left and right view of frames 1 to 131 and 205 to 246: 4.0 and 5.2 at least, of all but one
-4.3 and 5.5. A light with a camera's noise and nothing in it, or a view blurred under such noise:
-4.0 at most."""
+"""How many times as bright as noise `_SPECK_PART` of the water is at least. Left and right view of
+frames 1 to 131 and 205 to 246: 4.0 and 5.2 at least, of all but one 4.3 and 5.5. A light with a
+camera's noise and nothing in it, or a view blurred under such noise: 4.0 at most."""
 _SPECK_WIDTH = 340  # of the view at most, in pixels, so that a speck is a pixel or a few
 _SPECK_PART = 2.3e-4  # of the pixels, 20 of them
 _SPECK_PX, _AROUND_PX, _LOCAL_PX = 3, 9, 61
@@ -146,6 +146,21 @@ class PairFault:
         return Fault(self.code, self.reason)
 
 
+SIDES = ("left", "right")
+Made = TypeVar("Made")
+
+
+def of_both_sides(make: Callable[[str, U8], Made], frame: Frame, threads: int) -> tuple[Made, Made]:
+    """Make something of each side and its picture; with two threads, left and right at once."""
+    made: dict[str, Made] = {}
+
+    def work(first: int, last: int) -> None:
+        made.update((side, make(side, getattr(frame, side))) for side in SIDES[first:last])
+
+    over_rows(work, len(SIDES), threads)
+    return made["left"], made["right"]
+
+
 def pair_fault(
     left_view: F32, right_view: F32, matches: Matches, offset: EpipolarOffset | None
 ) -> PairFault | None:
@@ -174,19 +189,12 @@ class Unfit:
         return self.fault.reason is Reason.STEREO
 
 
-def unfit_pictures(
-    sight: SightMeter, frame: Frame, small: Sequence[NDArray[np.uint16] | None]
-) -> Unfit:
-    """Find the picture of which too much is not seen.
-
-    `small` are left and right in 1/256 grey level on `detail_grid`, where they are made already.
-    """
+def unfit_pictures(sight: SightMeter, frame: Frame) -> Unfit:
+    """Find the picture of a pair of which too much is not seen."""
     left, right = frame.left, frame.right
     if left is None or right is None:
         return Unfit()
-    for side, picture, gray16 in zip(("left", "right"), (left, right), small, strict=True):
-        if gray16 is not None:
-            frame.pictures(side, detail_grid(picture.shape[1])).offer(gray16)
+    for side in SIDES:
         if fault := sight.of(frame, side).fault:
             return Unfit(fault.about(side), vetoes_clear=side == "left")
     if np.array_equal(left[::_ROW_STEP], right[::_ROW_STEP]):
@@ -207,7 +215,7 @@ def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
             level = f"the {side} view has lost its contrast: haze, glow or no true picture"
             return PairFault(level, vetoes_clear=True)
     for side, view in (("left", left_view), ("right", right_view)):
-        if _specks(view) < SPECKS:
+        if not _has_specks(view):
             words = f"the {side} view shows noise and not a speck of the water: nothing is seen"
             return PairFault(words, vetoes_clear=side == "left", code=Reason.BLANK)
     alike = _fall(right).ravel()[_TURNS] @ _fall(left).ravel()
@@ -217,24 +225,20 @@ def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
     return None
 
 
-def _specks(view: F32) -> float:
-    """How far the brightest few pixels of a view stand out, as a multiple of noise near them.
+def _has_specks(view: F32) -> bool:
+    """Whether the brightest few pixels of a view stand out from noise near them (`SPECKS`).
 
     Water has specks in it, which scatter the lamps' light. Noise has no such tail: where that is
     all there is, no match does not mean that nothing is there.
     """
     width = min(_SPECK_WIDTH, view.shape[1])
-    size = width, max(width * view.shape[0] // view.shape[1], 1)
-    small = np.asarray(cv2.resize(view, size, interpolation=cv2.INTER_AREA), np.float32)
+    small = KERNELS.area_means(view, max(width * view.shape[0] // view.shape[1], 1), width)
     fine = cv2.blur(small, (_SPECK_PX, _SPECK_PX)) - cv2.blur(small, (_AROUND_PX, _AROUND_PX))
     # The mean of what is normally distributed, without its sign, is 0.8 standard deviations.
     noise = cv2.blur(np.abs(fine), (_LOCAL_PX, _LOCAL_PX)) * math.sqrt(math.pi / 2)
     inside = np.s_[_AROUND_PX:-_AROUND_PX, _AROUND_PX:-_AROUND_PX]
-    brightness = (fine[inside] / np.maximum(noise[inside], 1e-3)).ravel()
-    if not len(brightness):  # a view of a few rows or columns
-        return 0.0
-    last = len(brightness) - 1 - int(_SPECK_PART * len(brightness))
-    return float(np.partition(brightness, last)[last])
+    brightness = fine[inside] / np.maximum(noise[inside], 1e-3)
+    return int(np.count_nonzero(brightness > SPECKS)) > int(_SPECK_PART * brightness.size)
 
 
 def _light(view: F32) -> F64:
@@ -325,9 +329,8 @@ def _textured_fraction(view: F32) -> float:
     """Part of a view with local contrast, seen at a quarter of its size."""
     small = view
     for by in (2, _QUARTER):  # in two steps, which take half the time of one
-        size = (max(view.shape[1] // by, 1), max(view.shape[0] // by, 1))
-        small = np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_AREA), np.float32)
-    _, sigma = local_mean_and_sigma(small, _WINDOW_PX)
+        small = KERNELS.area_means(small, max(view.shape[0] // by, 1), max(view.shape[1] // by, 1))
+    sigma, _ = KERNELS.local_contrast(small, _WINDOW_PX, GAIN, MIN_SIGMA_GREY)
     return float(np.count_nonzero(sigma > LOCAL_SIGMA_GREY) / sigma.size)
 
 

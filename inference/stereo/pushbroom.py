@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.patch_detail import DETAIL_GRID
+from tokt.features.extractors.patch_detail import DETAIL_GRID, detail_grid
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import STEPS_PER_LEVEL
@@ -52,9 +52,9 @@ from tokt.inference.verdict import PUSHBROOM, STATUS_MEAN_THRESHOLD, Detection
 
 from .calibration import StereoCalibration
 from .faint_matches import FaintMatches
-from .matching import Matches, even_contrast, local_mean_and_sigma
+from .matching import MIN_SIGMA_GREY, Matches
 from .odometry import Motion, Odometry, Pose, motion_between
-from .pair_health import PairFault, PairHealth, Unfit, unfit_pictures
+from .pair_health import PairFault, PairHealth, Unfit, of_both_sides, unfit_pictures
 from .rectify import Rectifier
 
 DISTANCES_M = (8.0, 6.0, 4.0, 3.0, 2.0)
@@ -140,6 +140,7 @@ class PushbroomDetector:
     grid: Grid  # its width is the mask's
     odometry: Odometry | None = None
     sight: SightMeter = field(default_factory=stereo_meter)
+    threads: int = 1  # with 2 the left and right views are made side by side
     method: ClassVar = PUSHBROOM
 
     def __post_init__(self) -> None:
@@ -171,15 +172,23 @@ class PushbroomDetector:
         fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
             return self._unjudged(fault)
-        left, right = small = self._gray16(frame.left), self._gray16(frame.right)
-        views = self.rectifier.left_of(_levels(left)), self.rectifier.right_of(_levels(right))
-        evened = _normalized(views[0])
-        seen = self._depths(evened, _normalized(views[1]))
+
+        def view(side: str, picture: U8) -> tuple[F32, NormalizedView]:
+            pictures = frame.pictures(side, detail_grid(picture.shape[1]))
+            same = pictures.size == self.rectifier.size[::-1]
+            gray16 = pictures.gray16 if same else self._gray16(picture)
+            self.sight.of(frame, side)
+            moved = self.rectifier.left_of if side == "left" else self.rectifier.right_of
+            rectified = moved(_levels(gray16))
+            return rectified, _normalized(rectified)
+
+        (left, evened), (right, other) = of_both_sides(view, frame, self.threads)
+        seen = self._depths(evened, other)
         hit = (seen > 0).astype(np.uint8)  # of cells; below, where the views show it
         hits = cv2.resize(hit, self.rectifier.size, interpolation=cv2.INTER_NEAREST).astype(bool)
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
-        unfit = unfit_pictures(self.sight, frame, small)
-        judged = self._judge(views, seen, hits, textured, unfit)
+        unfit = unfit_pictures(self.sight, frame)
+        judged = self._judge((left, right), seen, hits, textured, unfit)
         return replace(judged, sight=self.sight.of(frame))
 
     def _judge(
@@ -272,7 +281,9 @@ class PushbroomDetector:
         """The verdict's mask, distance and note from what is remembered, the present included."""
         memory = self._memory
         note = f"pushbroom sees only at {self._where}"
-        mask = self.rectifier.to_left(memory.mask(), *self._mask_size)
+        mask = np.zeros(self._mask_size, np.uint8)
+        if len(memory.ages):
+            mask = self.rectifier.to_left(memory.mask(), *self._mask_size)
         if cv2.mean(mask)[0] <= STATUS_MEAN_THRESHOLD:
             if textured:
                 fault = f"something is in view, but at none of {self._where}; or a wrong pair"
@@ -321,7 +332,7 @@ def _slices(rectifier: Rectifier) -> list[Slice]:
 
 def _normalized(view: F32) -> NormalizedView:
     """Local contrast normalisation, and where there are edges to match."""
-    even = even_contrast(view, *local_mean_and_sigma(view, CONTRAST_WINDOW_PX), EVEN_STEPS)
+    _, even = KERNELS.local_contrast(view, CONTRAST_WINDOW_PX, EVEN_STEPS, MIN_SIGMA_GREY)
     change = np.abs(cv2.Sobel(view, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8))
     return NormalizedView(even, _block_means(change))
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, U8, Bools
 from tokt.features.common.errors import ToktError
+from tokt.features.extractors.frame_pictures import scaled_gray
 from tokt.inference.config import DEFAULT_SCALE
 
 from .calibration import StereoCalibration
@@ -118,10 +119,7 @@ class Rectifier:
         array of float32, shape (height, width) of `size`
             Grey levels and fractions of them.
         """
-        gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-        # Averaged before rounding: the frames hold only a few grey levels of signal.
-        scaled = cv2.resize(gray.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
-        return np.asarray(scaled, np.float32)
+        return scaled_gray(frame, self.size)
 
     def left(self, frame: U8) -> F32:
         """The left view, float32, of `size`; beyond the frame's edge its last pixel."""

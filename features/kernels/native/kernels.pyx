@@ -91,6 +91,27 @@ cdef extern from "area.h" nogil:
                    char *scratch, uint16_t *gray16, uint8_t *gray8)
 
 
+cdef extern from "means.h" nogil:
+    ctypedef struct MeansTaps:
+        const int32_t *source
+        const float *weight
+
+    void means_halved(const AreaFrame *frame, int first, int last, uint8_t *scratch, float *out)
+    void means_rows(const float *view, Py_ssize_t stride, const MeansTaps *rows,
+                    const MeansTaps *columns, int first, int last, Py_ssize_t width, float *along,
+                    float *out)
+
+
+cdef extern from "contrast.h" nogil:
+    ctypedef struct ContrastView:
+        const float *view
+        Py_ssize_t height, width, window
+        float gain, least
+
+    size_t contrast_scratch(const ContrastView *view)
+    void contrast_view(const ContrastView *view, double *scratch, float *sigma, uint8_t *even)
+
+
 cdef extern from "quantization.h" nogil:
     ctypedef struct Gray16Picture:
         const uint16_t *pixels
@@ -388,6 +409,39 @@ cdef AreaFrame area_frame(const uint8_t[:, :, ::1] frame) noexcept nogil:
     view.stride = frame.shape[1] * frame.shape[2]
     view.width, view.channels = frame.shape[1], frame.shape[2]
     return view
+
+
+def halved_gray(const uint8_t[:, :, ::1] frame, float[:, ::1] out, int first, int last,
+                Scratch scratch):
+    """Write rows first..last of the means of 2 x 2 pixels."""
+    cdef AreaFrame view = area_frame(frame)
+    cdef uint8_t *memory = <uint8_t *>scratch.of(2 * view.width)
+    with nogil:
+        means_halved(&view, first, last, memory, &out[0, 0])
+
+
+def area_means(const float[:, ::1] view, const int32_t[::1] row, const float[:, ::1] row_weights,
+               const int32_t[::1] column, const float[:, ::1] column_weights, float[:, ::1] out,
+               int first, int last, Scratch scratch):
+    """Write rows first..last of a view resized: from which row and column on, with three weights."""
+    cdef MeansTaps rows, columns
+    rows.source, rows.weight = &row[0], &row_weights[0, 0]
+    columns.source, columns.weight = &column[0], &column_weights[0, 0]
+    cdef float *memory = <float *>scratch.of(out.shape[1] * sizeof(float))
+    with nogil:
+        means_rows(&view[0, 0], view.shape[1], &rows, &columns, first, last, out.shape[1], memory,
+                   &out[0, 0])
+
+
+def local_contrast(const float[:, ::1] view, int window, float gain, float least,
+                   float[:, ::1] sigma, uint8_t[:, ::1] even, Scratch scratch):
+    """Write the deviations around a view's pixels, and the view made even by them."""
+    cdef ContrastView contrast
+    contrast.view, contrast.height, contrast.width = &view[0, 0], view.shape[0], view.shape[1]
+    contrast.window, contrast.gain, contrast.least = window, gain, least
+    cdef double *memory = <double *>scratch.of(contrast_scratch(&contrast) * sizeof(double))
+    with nogil:
+        contrast_view(&contrast, memory, &sigma[0, 0], &even[0, 0])
 
 
 cdef Gray16Picture gray16_picture(const uint16_t[:, ::1] gray16) noexcept nogil:

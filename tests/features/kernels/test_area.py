@@ -23,7 +23,7 @@ SIDES = st.integers(3, 60) | st.integers(3, 1500)
 def opencv(frame: Image, height: int, width: int) -> Image:
     """Resized by area, as on x86, unless it has that size, then gray."""
     if not SUMS_AS_X86 and is_area_sum(frame.shape, height, width):
-        frame = summed_as_x86(frame, height, width)
+        frame = np.rint(summed_as_x86(frame, height, width)).astype(np.uint8)
     elif frame.shape[:2] != (height, width):
         frame = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
     return np.asarray(frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
@@ -59,8 +59,10 @@ def test_what_other_processors_add_up_is_what_opencv_gives_on_x86(data):
     height, width = data.draw(st.integers(1, high)), data.draw(st.integers(1, wide))
     assume(is_area_sum((high, wide), height, width))
     frame = data.draw(painted((high, wide, *data.draw(st.sampled_from(((), (3,)))))))
-    resized = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
-    assert np.array_equal(summed_as_x86(frame, height, width), resized)
+    sums = summed_as_x86(frame, height, width)
+    for picture, expected in ((frame, np.rint(sums)), (frame.astype(np.float32), sums)):
+        resized = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+        assert np.array_equal(expected, resized)
 
 
 @fast
