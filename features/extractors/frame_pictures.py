@@ -106,6 +106,10 @@ class SharedPictures:
     def __init__(self) -> None:
         self._made: dict[int, tuple[U8, _Made]] = {}
 
+    def __reduce__(self) -> tuple[type["SharedPictures"], tuple[()]]:
+        # Another process, such as a shadow's, makes its own: they are larger than the frame.
+        return SharedPictures, ()
+
     def of(self, frame: U8, grid: Grid, threads: int = 1) -> "FramePictures":
         """Pictures of one of the frame's arrays, as it is or covered by a mask, on a grid."""
         # With the array itself, so that no other one has its identity meanwhile.

@@ -1,5 +1,6 @@
 """The pictures of a frame: made once for all who look at it, whatever the threads."""
 
+import pickle
 from dataclasses import replace
 from threading import Barrier, Thread
 
@@ -95,6 +96,15 @@ def test_of_several_threads_one_makes_a_picture_and_the_others_wait(passes):
     for thread in threads:
         thread.join()
     assert len(passes) == 1 and all(each is got[0] for each in got)
+
+
+def test_a_frame_for_another_process_leaves_its_pictures_behind():
+    frame = some_frame()
+    gray16 = frame.pictures("left", DEFAULT_GRID).gray16
+    data = pickle.dumps(frame)
+    assert len(data) < frame.left.nbytes + 1000
+    theirs = pickle.loads(data).pictures("left", DEFAULT_GRID).gray16
+    assert np.array_equal(theirs, gray16)
 
 
 def test_a_strip_has_no_pictures():
