@@ -44,8 +44,10 @@ def resolve(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
 
     Raises ToktError if the name is not known.
     """
+    # As bytes an address is looked up without the tables of international names.
+    name = host.encode() if re.fullmatch(r"(\d{1,3}\.){3}\d{1,3}", host, re.ASCII) else host
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        found = socket.getaddrinfo(name, port, type=socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:
         raise ToktError(f"host {host!r} cannot be found: {error}") from None
     family, _, _, _, address = min(found, key=lambda one: one[0] is not socket.AF_INET)

@@ -29,15 +29,19 @@ _MIN_MOSAIC_PX = 3  # height and width below which OpenCV gives black instead of
 
 
 def frame_from_camera(
-    data: bytes | bytearray | memoryview | U8, height: int, width: int, pixel_format: str
+    data: bytes | bytearray | memoryview | U8,
+    height: int,
+    width: int,
+    pixel_format: str,
+    given: bool = False,
 ) -> U8:
     """Copy a camera's pixel data into a frame, with its mosaic interpolated (bilinear).
 
     Parameters
     ----------
     data : bytes-like or array of uint8
-        The pixels row by row, without padding. Never kept: a camera's driver writes the next
-        frame into the same buffer.
+        The pixels row by row, without padding. Never kept unless `given`: a camera's driver writes
+        the next frame into the same buffer.
     height, width : int
         In pixels.
     pixel_format : str
@@ -65,7 +69,7 @@ def frame_from_camera(
         return np.asarray(cv2.cvtColor(raw, _BAYER[pixel_format]), np.uint8)
     if pixel_format.startswith("RGB8"):
         return np.asarray(cv2.cvtColor(raw, cv2.COLOR_RGB2BGR), np.uint8)
-    return raw.copy()
+    return raw if given else raw.copy()
 
 
 def _pixels(

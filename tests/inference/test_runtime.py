@@ -1,13 +1,19 @@
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
+from tests.calls import run_python
 from tests.inference.live import HandSource
 from tests.inference.logged_runs import lines
 from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
 from tokt.inference.outputs.udp import UdpSender, decode
+from tokt.inference.policy.assembly import assemble
 from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.publisher import Observer
 from tokt.inference.recording.run_log import RunLog
 from tokt.inference.runtime import POLL_S, LatestFrameBuffer, Runtime
 from tokt.inference.sources.files import open_source
@@ -59,6 +65,43 @@ def test_datagrams_carry_what_the_log_says_and_its_decision_values_are_exact(
         np.testing.assert_array_equal(line.pop("decision_values"), expected)
         heard = decode(receiver.recv(65535))
         assert {name: line[name] for name in heard} == heard
+
+
+def test_a_picture_is_gone_once_the_next_ones_are_judged(make_mission, noise_scorer):
+    """By itself: the garbage collector counts few objects, and comes after hundreds of frames."""
+
+    class Watcher(Observer):
+        def judged(self, frame, judgement, report):
+            pictures.append(weakref.ref(frame.left))
+            there.append(sum(picture() is not None for picture in pictures))
+
+    pictures, there = [], []
+    source = open_source(str(make_mission([[(1, 1)], []] * 4)), SYSTEM_CLOCK)
+    policy = assemble("texture", lambda: noise_scorer, None).policy
+    gc.disable()
+    try:
+        Runtime(source, policy, [], SYSTEM_CLOCK, [Watcher()]).run()
+    finally:
+        gc.enable()
+    assert len(there) == 8 and max(there) <= 2
+
+
+def test_a_plain_run_loads_nothing_that_it_has_no_use_for(make_mission, bundle_file):
+    """After a crash each import is time in which nothing is said, and memory all along."""
+    folder = make_mission([[], [(4, 4)], []])
+    command = ["tokt", "run", "--bundle", str(bundle_file), "--source", str(folder)]
+    unused = {
+        *("numpy.ma", "numpy.random", "importlib.metadata", "sqlite3", "statistics", "secrets"),
+        *("tokt.cli.train", "tokt.models.store.store", "tokt.inference.recording.log"),
+        *("tokt.inference.links.link", "tokt.inference.monitoring.reload"),
+    }
+    program = (
+        f"import sys; sys.argv = {command}\n"
+        "from tokt.cli import main\n"
+        f"try: main()\nexcept SystemExit: print(*{unused} & {{*sys.modules}})"
+    )
+    done = run_python("-c", program)
+    assert "3 frames in" in done.stderr and done.stdout.split() == []
 
 
 PICTURE = np.zeros((4, 4), np.uint8)

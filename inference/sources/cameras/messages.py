@@ -11,7 +11,6 @@ import sys
 import threading
 from typing import IO, Any
 
-from tokt.features.common.arrays import U8
 from tokt.inference.reason import Fault
 
 
@@ -36,7 +35,7 @@ def write_frame(
     number: int,
     fetched_s: float,
     fault: Fault,
-    picture: tuple[int, int, str, U8] | None = None,
+    picture: tuple[int, int, str, Any] | None = None,
     taken_s: float | None = None,
     captured_t: float | None = None,
 ) -> None:
@@ -50,7 +49,7 @@ def write_frame(
         write_message(out, header)
         return
     header["height"], header["width"], header["pixel_format"], pixels = picture
-    write_message(out, header, pixels.data.cast("B"))
+    write_message(out, header, memoryview(pixels).cast("B"))
 
 
 def read_message(source: IO[bytes]) -> tuple[dict[str, Any], bytearray | None] | None:

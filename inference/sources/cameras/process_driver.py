@@ -138,9 +138,8 @@ class ProcessDriver:
         picture, fault = None, Fault(Reason(header["reason"]), header["words"])
         if data is not None:
             try:
-                picture = frame_from_camera(
-                    *(data, header["height"], header["width"], header["pixel_format"])
-                )
+                size = header["height"], header["width"]
+                picture = frame_from_camera(data, *size, header["pixel_format"], given=True)
             except ValueError as error:
                 fault = Fault(Reason.UNREADABLE, str(error))
         captured_t, number = header.get("captured_t"), header["frame_id"]

@@ -1,15 +1,20 @@
 """The newest picture of a stream: what its reader puts, and its process sends on."""
 
+from __future__ import annotations
+
 import math
 import threading
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from av import VideoFrame
 
-from tokt.features.common.arrays import U8
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.reason import NO_FAULT, Fault
 from tokt.inference.sources.cameras.messages import end_unless_called_again
+
+if TYPE_CHECKING:
+    from tokt.features.common.arrays import U8
 
 _SILENT_S = 0.7  # without a reading, after which a stream is lost: less than `live_source` waits
 _HUNG_S = 10.0  # in one call of a library's, after which the process is ended

@@ -12,9 +12,9 @@ saying that it is lost. What the process is told and what it answers: `cameras.m
 
 import threading
 from importlib import import_module
-from typing import IO, Any
+from typing import IO
 
-import numpy as np
+from av import VideoFrame
 
 from tokt.features.common.address import without_credentials
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -97,12 +97,22 @@ def _send(answers: IO[bytes], name: str, newest: NewestReading) -> None:
         newest.stopped.set()
 
 
+def _bgr(shown: VideoFrame) -> bytes | memoryview:
+    """Pixels in BGR order, without numpy: a quarter of this process's memory."""
+    plane, wide = shown.reformat(format="bgr24").planes[0], 3 * shown.width
+    padded = memoryview(plane)
+    if plane.line_size == wide:
+        return padded
+    rows = range(0, len(padded), plane.line_size)
+    return b"".join(padded[row : row + wide] for row in rows)
+
+
 def _write(answers: IO[bytes], number: int, reading: Reading) -> None:
-    picture = None
-    if (shown := reading.picture) is not None:
-        pixels: Any = shown if isinstance(shown, np.ndarray) else shown.to_ndarray(format="bgr24")
-        kind = "Mono8" if pixels.ndim == 2 else "BGR8"
-        picture = *pixels.shape[:2], kind, np.ascontiguousarray(pixels)
+    picture, shown = None, reading.picture
+    if isinstance(shown, VideoFrame):
+        picture = shown.height, shown.width, "BGR8", _bgr(shown)
+    elif shown is not None:
+        picture = *shown.shape[:2], "Mono8" if shown.ndim == 2 else "BGR8", shown
     times = reading.taken_s, reading.captured_t
     write_frame(answers, number, reading.arrived, reading.fault, picture, *times)
 

@@ -3,7 +3,6 @@
 import os
 import re
 import sys
-import tempfile
 import time
 import traceback
 from contextlib import suppress
@@ -193,6 +192,8 @@ def _unexpected(error: Exception) -> str:
 
     The newest files only are kept: what is started again may die of the same error each time.
     """
+    import tempfile
+
     name = "tokt-traceback-"
     prefix = f"{name}{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-"
     try:

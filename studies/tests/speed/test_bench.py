@@ -25,6 +25,7 @@ from tokt_studies.speed.models import FEATURE_SETS, examples_from_two_images, fi
 from tokt_studies.speed.paired_timing import BASELINE, OURS, BenchSize, in_turns
 from tokt_studies.speed.process_cases import first_verdict
 from tokt_studies.speed.report import about_lines
+from tokt_studies.speed.video_memory import ENCODERS, NETWORK, can_be_measured
 
 FRAME_CASES = ["lbp_10_5.frame", "lbp_24_8.frame", "haralick.frame"]
 CASES = [
@@ -81,6 +82,10 @@ def check_a_result_says_what_it_was_measured_on(found):
     latency = cases["latency.frame_to_udp"]
     assert 0 < latency["not_the_detector_median_ms"] < latency["ours_median_ms"]
     assert latency["ours_p99_ms"] <= latency["ours_max_ms"] and latency["repetitions"] == 1
+    if can_be_measured():
+        assert [*found["video_mb"]] == [*ENCODERS, NETWORK] and min(found["video_mb"].values()) > 30
+    else:
+        assert found["video_mb"] is None
     if sys.platform != "win32":
         assert cases["start"]["baseline_mb"] > 30 and cases["start"]["ours_mb"] > 20
 

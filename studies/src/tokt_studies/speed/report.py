@@ -203,6 +203,9 @@ def about_lines(about: Mapping[str, Any]) -> list[str]:
         f"spread: {about['spread_is']}",
         f"machine: {machine['cpu']}, {machine['cores']} core(s); {versions}",
     ]
+    if video := about["video_mb"]:
+        figures = ", ".join(f"{form} {mb:.0f} MB" for form, mb in video.items())
+        lines.append(f"peak memory with video in, all processes together: {figures}")
     if kernels["is_library"]:
         lines.insert(1, "these kernels ARE the libraries: a kernel's ratio is about 1 by nature")
     return lines

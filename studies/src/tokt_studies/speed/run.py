@@ -26,6 +26,7 @@ from .paired_timing import SPREAD_IS, BenchRequest, BenchSize, Result, single_th
 from .process_cases import measure_extraction, measure_latency, measure_start
 from .report import chart_png
 from .stereo_cases import measure_stereo, stereo_input
+from .video_memory import can_be_measured, measure_video_memory
 
 EMBEDDED_FRAMES = 16
 PRESETS = ("best", "water")
@@ -129,6 +130,17 @@ def _outside(
     return results
 
 
+def _video_memory(
+    mission: Mission, model: Bundle, asked: BenchRequest, folder: Path
+) -> dict[str, float] | None:
+    """Memory of a run with video in; None where it cannot be measured, or frames are gray."""
+    pictures = [mission.read(number) for number in evenly_spaced(mission.frames(), 8)]
+    if not can_be_measured() or pictures[0].ndim == 2:
+        return None
+    asked.say("-- memory with video in")
+    return measure_video_memory(model, pictures, folder / "video", asked.size.files)
+
+
 def _measure(mission: Mission, asked: BenchRequest, folder: Path) -> Bench:
     first = mission.read(mission.frames()[0])
     examples = bench_models.learnt_examples(mission, asked.labels)
@@ -144,6 +156,7 @@ def _measure(mission: Mission, asked: BenchRequest, folder: Path) -> Bench:
         if stereo.calibration is not None:
             results += measure_stereo(mission, stereo.calibration, asked)
         results += _outside(mission, models, asked, folder)
+        video_mb = _video_memory(mission, presets["best"], asked, folder)
     is_library = KERNELS.name == LIBRARY
     kernels = {"name": KERNELS.name, "why": KERNELS.why, "is_library": is_library}
     height, width = first.shape[:2]
@@ -155,6 +168,7 @@ def _measure(mission: Mission, asked: BenchRequest, folder: Path) -> Bench:
         "frames": {"compared": compared, "timed": timed},
         "model": examples.words,
         "stereo": stereo.words,
+        "video_mb": video_mb,
         "spread_is": SPREAD_IS,
         "exact": all(case.exact for case in results),
     }
