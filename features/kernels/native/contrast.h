@@ -12,12 +12,13 @@
 
 #include "instructions.h"
 
+enum { CONTRAST_ALONE = 5 /* sums over windows up to this are not carried; those of squares are */ };
 #define CONTRAST_WHOLE 12582912.0f /* 3 * 2^22: what is added to it is rounded to a whole number */
 
 typedef struct {
     const float *view;
     ptrdiff_t height, width; /* both larger than the window */
-    ptrdiff_t window;        /* height and width of what is around a pixel, odd, from 7 */
+    ptrdiff_t window;        /* height and width of what is around a pixel, odd, from 3 */
     float gain;              /* grey levels that one deviation becomes, around 128 */
     float least;             /* grey levels that a smaller deviation counts as */
 } ContrastView;
@@ -53,6 +54,10 @@ TOKT_BODY void contrast_sums(const ContrastView *view, const float *row,
         double leave = wide[x - 1], enter = wide[x + window - 1];
         sums[x] = sum += enter - leave;
         sums[width + x] = square += enter * enter - leave * leave;
+    }
+    for (ptrdiff_t x = 1; x < width && window <= CONTRAST_ALONE; x++) {
+        sums[x] = 0;
+        for (ptrdiff_t i = x; i < x + window; i++) sums[x] += (double)wide[i];
     }
 }
 
