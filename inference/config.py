@@ -191,7 +191,7 @@ class ModelConfig:
         "FRAMES",
         only=MODELS,
     )
-    threads: int = option(1, "Threads that share a frame's patches.", only=MODELS, logged="threads")
+    threads: int = option(1, "Threads that share a frame's work.", logged="threads")
     fixed_boundary: bool = option(
         False,
         "Keep the boundary between water and obstacles fixed from frame to frame. Rates of false "

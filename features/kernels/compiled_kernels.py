@@ -42,7 +42,6 @@ DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
 _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
 _MAX_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
 _INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
-_SMALLEST_CARRIED = 7  # pixels of a window: OpenCV adds up smaller ones by themselves
 _MAX_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
 _MAX_SIDE = 1000  # pixels: of such pictures a share can be under a thousandth of a pixel
 # The bits that OpenCV gives on x86, where models are trained; ARM has no others.
@@ -228,7 +227,7 @@ def area_means(picture: NDArray[Any], height: int, width: int, threads: int = 1)
 
 def local_contrast(view: F32, window: int, gain: float, least: float) -> tuple[F32, U8]:
     """`Kernels.local_contrast`, to the last bit."""
-    if not _SMALLEST_CARRIED <= window < min(view.shape):
+    if not 1 < window < min(view.shape):
         return numpy_pictures.local_contrast(view, window, gain, least)
     sigma, even = np.empty(view.shape, np.float32), np.empty(view.shape, np.uint8)
     _native.local_contrast(view, window, gain, least, sigma, even, SCRATCH.of["contrast"])

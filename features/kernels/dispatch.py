@@ -189,22 +189,13 @@ class Kernels:
         return np.asarray(self.module.summed_area(check_gray16(gray16)))
 
     def area_means(self, picture: NDArray[Any], height: int, width: int, threads: int = 1) -> F32:
-        """A frame made gray and rounded to whole grey levels, or a view, then resized by area.
-
-        Parameters
-        ----------
-        picture : array
-            A frame of uint8; or a view, float32, shape (rows, columns).
+        """A frame made gray in whole grey levels, or a view of float32, then resized by area.
 
         Returns
         -------
         numpy.ndarray
-            float32, shape (height, width), grey levels and fractions of them: the bits that OpenCV
-            gives on x86.
-
-        References
-        ----------
-        OpenCV ``resize`` with ``INTER_AREA``; ITU-R BT.601.
+            float32, shape (height, width), grey levels and fractions: what OpenCV gives on x86 by
+            ``resize`` with ``INTER_AREA`` in single precision.
         """
         check = check_view if getattr(picture, "dtype", None) == np.float32 else check_frame
         check_size(height, width)
@@ -219,10 +210,8 @@ class Kernels:
             Grey levels, 0 to 255.
         window : int
             Height and width in pixels of what is around a pixel, odd; mirrored beyond the edge.
-        gain : float
-            Grey levels that one local standard deviation becomes.
-        least : float
-            Grey levels, above 0, that a smaller deviation counts as.
+        gain, least : float
+            Grey levels that one local deviation becomes, and that a smaller one counts as.
 
         Returns
         -------

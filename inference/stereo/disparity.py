@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, U8
+from tokt.features.extractors.frame_pictures import scaled_gray
 from tokt.features.extractors.patch_detail import detail_grid
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS, Kernels
@@ -102,7 +103,7 @@ class DisparityDetector:
             return Observation(Detection(None, DISPARITY, fault=fault), None)
 
         def view(side: str, picture: U8) -> F32:
-            scaled = self.rectifier.scaled(picture)
+            scaled = scaled_gray(picture, self.rectifier.size)
             small = _gray16(picture, scaled)
             if small is not None:
                 frame.pictures(side, detail_grid(picture.shape[1])).offer(small)

@@ -235,9 +235,10 @@ def _has_specks(view: F32) -> bool:
     small = KERNELS.area_means(view, max(width * view.shape[0] // view.shape[1], 1), width)
     fine = cv2.blur(small, (_SPECK_PX, _SPECK_PX)) - cv2.blur(small, (_AROUND_PX, _AROUND_PX))
     # The mean of what is normally distributed, without its sign, is 0.8 standard deviations.
-    noise = cv2.blur(np.abs(fine), (_LOCAL_PX, _LOCAL_PX)) * math.sqrt(math.pi / 2)
-    inside = np.s_[_AROUND_PX:-_AROUND_PX, _AROUND_PX:-_AROUND_PX]
-    brightness = fine[inside] / np.maximum(noise[inside], 1e-3)
+    noise = np.asarray(cv2.blur(np.abs(fine), (_LOCAL_PX, _LOCAL_PX)), np.float32)
+    noise *= math.sqrt(math.pi / 2)
+    fine /= np.maximum(noise, 1e-3, out=noise)
+    brightness = fine[_AROUND_PX:-_AROUND_PX, _AROUND_PX:-_AROUND_PX]
     return int(np.count_nonzero(brightness > SPECKS)) > int(_SPECK_PART * brightness.size)
 
 
@@ -287,9 +288,10 @@ def _nearer_fault(matches: Matches) -> PairFault | None:
     """Something beside what is matched, nearer than the nearest distance that is searched."""
     step = max(matches.valid.shape[1] // _NEAR_BY_WIDTH, 1)
     some = np.s_[::step, ::step]
-    around = np.ones((_NEAR_BY, _NEAR_BY), np.uint8)
-    near_by = cv2.dilate(matches.valid[some].astype(np.uint8), around)
-    alone = matches.textured[some] & matches.searched[some] & (near_by == 0)
+    alone = matches.textured[some] & matches.searched[some]
+    if np.count_nonzero(alone) > UNMATCHED_FRACTION * alone.size:
+        around = np.ones((_NEAR_BY, _NEAR_BY), np.uint8)
+        alone &= cv2.dilate(matches.valid[some].astype(np.uint8), around) == 0
     if np.count_nonzero(alone) <= UNMATCHED_FRACTION * alone.size:
         return None
     return PairFault(NEARER, vetoes_clear=True, matches_stand=True)

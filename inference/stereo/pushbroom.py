@@ -303,7 +303,7 @@ class PushbroomDetector:
 
 def _levels(gray16: NDArray[np.uint16]) -> F32:
     """Grey levels and fractions of them."""
-    return gray16.astype(np.float32) / np.float32(STEPS_PER_LEVEL)
+    return np.asarray(gray16 * np.float32(1 / STEPS_PER_LEVEL), np.float32)
 
 
 def _slices(rectifier: Rectifier) -> list[Slice]:

@@ -106,35 +106,20 @@ class Rectifier:
         self._right_x, self._right_y = _within(maps[1][0], self.size[0]), maps[1][1]
         self._moved_down = math.nan, self._right_y
 
-    def scaled(self, frame: U8) -> F32:
-        """A frame, gray and of the views' size, not rectified yet.
-
-        Parameters
-        ----------
-        frame : array of uint8, shape (height, width) or (height, width, 3)
-            Of the calibration's frame size.
-
-        Returns
-        -------
-        array of float32, shape (height, width) of `size`
-            Grey levels and fractions of them.
-        """
-        return scaled_gray(frame, self.size)
-
     def left(self, frame: U8) -> F32:
         """The left view, float32, of `size`; beyond the frame's edge its last pixel."""
-        return self.left_of(self.scaled(frame))
+        return self.left_of(scaled_gray(frame, self.size))
 
     def right(self, frame: U8, row_shift_px: float = 0.0) -> F32:
         """The right view, moved down by `row_shift_px` pixels of the full resolution."""
-        return self.right_of(self.scaled(frame), row_shift_px)
+        return self.right_of(scaled_gray(frame, self.size), row_shift_px)
 
     def left_of(self, scaled: F32) -> F32:
-        """The left view of a picture that is scaled already (`scaled`)."""
+        """The left view of a picture that is gray and of the views' size (`scaled_gray`)."""
         return _moved(scaled, *self._left_map)
 
     def right_of(self, scaled: F32, row_shift_px: float = 0.0) -> F32:
-        """The right view of a picture that is scaled already."""
+        """The right view of such a picture."""
         if row_shift_px != self._moved_down[0]:
             y = self._right_y - np.float32(row_shift_px * self._ratio[1])
             self._moved_down = row_shift_px, _within(y, self.size[1])

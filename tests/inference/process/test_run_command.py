@@ -212,7 +212,10 @@ def test_ctrl_c_ends_cleanly(make_mission, bundle_file, closed_port, tmp_path):
         (["--bundle", "B", "--stale", "0.5"], "--stale is for live cameras, or recorded"),
         (["--bundle", "B", "--ptp"], "--ptp is for live cameras"),
         (["--bundle", "B", "--source", "pymba:0", "--rate", "3"], "--rate is for recorded"),
-        (["--policy", "disparity", "--threads", "2"], "--threads is for the policies that"),
+        (
+            ["--policy", "disparity", "--fixed-boundary"],
+            "--fixed-boundary is for the policies that",
+        ),
         (["--bundle", "B", "--calibration", "none.yml"], "does not exist"),
         (["--bundle", "B", "--source", "pymba:0"], "no Vimba library"),
     ],

@@ -16,6 +16,7 @@ from tokt.inference.stereo import disparity as module
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import Closing, ClosingSpeed, DisparityDetector, Matches
 from tokt.inference.stereo.matching import NEAREST_M, disparity_range
+from tokt.inference.stereo.pushbroom import PushbroomDetector
 from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import verdict_from_mask
 
@@ -237,6 +238,20 @@ def test_other_matchers_and_scales_measure_the_same(matcher, scale):
     detector = DisparityDetector(PLAIN, Grid(), matcher, scale)
     found = detector.detect(Frame(1, 0.0, *pair(700)))
     assert found.distance_m == pytest.approx(DEPTH_M, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", [DisparityDetector, PushbroomDetector])
+def test_views_made_side_by_side_are_the_same(kind):
+    one, two = (kind(PLAIN, Grid(), threads=threads) for threads in (1, 2))
+    flat = np.full((HEIGHT, WIDTH), 80, np.uint8)
+    pairs = [pair(700), [sea(), sea(1)], [flat, sea(1)], [sea(), flat], pair(600, seed=2)]
+    for number, views in enumerate(pairs):
+        found, other = (each.detect(Frame(number, 0.1 * number, *views)) for each in (one, two))
+        assert (found.mask is None) == (other.mask is None)
+        assert found.mask is None or np.array_equal(found.mask, other.mask)
+        assert np.array_equal(found.sight.causes, other.sight.causes)
+        for name in ("fault", "note", "distance_m", "vetoes_clear"):
+            assert getattr(found, name) == getattr(other, name), name
 
 
 def test_closing_speed_needs_times_that_mean_something():
