@@ -55,7 +55,7 @@ CUT = "getsid"
 """The function of the C library that callgrind writes down its counts before."""
 MODEL, PICTURES, SEGMENTS = "model.tokt", "pictures.npy", "segments.json"
 """Files in the folder of a count: what is run, on what, and the stages between cuts."""
-WARM_UP = 3
+WARM_UP = 6
 """Pictures that are not counted: tables are made, what fills itself is filled. The last one of them
 fills the simulated caches: callgrind looks on from there, as all before would take it a minute."""
 BOX = (0.35, 0.3, 0.3, 0.4)
@@ -80,10 +80,12 @@ class DrawnView(Observer):
 
 
 STAGES: dict[str, tuple[tuple[type, str], ...]] = {
-    "gray pictures": ((Kernels, "resized_gray"), (Kernels, "resized_gray16")),
+    "gray pictures": tuple(
+        (Kernels, name) for name in ("resized_gray", "resized_gray16", "resized_grays")
+    ),
     "frozen frames": ((StuckFrameDetector, "remove"), (StuckFrameDetector, "prepare")),
     "sight": ((SightMeter, "of"),),
-    "quantize": ((Kernels, "quantize"),),
+    "quantize": ((Kernels, "quantize"), (Kernels, "summed_area")),
     "haralick": ((Kernels, "haralick_features"),),
     "lbp": ((Kernels, "lbp_counts"), (Kernels, "lbp_nearest_counts")),
     "lines": ((Kernels, "line_sums"),),
