@@ -54,8 +54,9 @@ from numpy.typing import NDArray
 from tokt.features.common.arrays import F64, U8, U64, Bools
 from tokt.features.common.canonical import json_sha256, printable_json
 from tokt.features.common.errors import ToktError, check_format, os_errors_as
-from tokt.features.extractors.extractor import Extractor, build_extractor
 from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.extractors.spec import build_extractor
+from tokt.features.extractors.textures import Extractor
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image
 from tokt.features.frames.view_mask import CameraMasks, masks_by_mission
