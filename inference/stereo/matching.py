@@ -174,9 +174,8 @@ class DenseMatcher:
         # First without specks: what is lost from right to left makes no speck larger.
         disparity[matched] = self._without_specks(disparity[matched])
         seen = self._seen_twice(disparity, left_even, right_even, right_sigma)
-        unmatched = self.settings.unmatched
-        kept = self._without_specks(np.where(seen[matched] != 0, disparity[matched], unmatched))
-        valid = np.asarray(kept != unmatched, np.uint8)
+        kept = self._without_specks(seen[matched])
+        valid = np.asarray(kept != self.settings.unmatched, np.uint8)
         return Matches(
             self._spread(sparse), self._spread(valid).view(bool), textured.view(bool), self.searched
         )
@@ -212,8 +211,8 @@ class DenseMatcher:
         found = matcher.compute(*views)[:, settings.margin :]
         return np.asarray(np.where(wanted != 0, found, settings.unmatched), np.int16)
 
-    def _seen_twice(self, disparity: I16, left: U8, right: U8, right_sigma: F32) -> U8:
-        """Where matching the right view with the left one leads back; 0 or 1."""
+    def _seen_twice(self, disparity: I16, left: U8, right: U8, right_sigma: F32) -> I16:
+        """The disparities to which matching the right view with the left one leads back."""
         # By place in the flattened view: half the work of rows and columns.
         width = disparity.shape[1]
         here = np.flatnonzero(disparity.ravel() > self.settings.unmatched).astype(np.int32)
@@ -228,8 +227,8 @@ class DenseMatcher:
         mirrored = [np.asarray(cv2.flip(view, 1), np.uint8) for view in (right, left, wanted)]
         back = np.asarray(cv2.flip(self._disparity(*mirrored), 1), np.int16)
         same = np.abs(back.ravel()[there] - found) <= LEFT_RIGHT_PX * PER_PIXEL
-        seen = np.zeros(disparity.shape, np.uint8)
-        seen.ravel()[here[same]] = 1
+        seen = np.full(disparity.shape, self.settings.unmatched, np.int16)
+        seen.ravel()[here[same]] = found[same]
         return seen
 
 

@@ -197,7 +197,8 @@ def unfit_pictures(sight: SightMeter, frame: Frame) -> Unfit:
     for side in SIDES:
         if fault := sight.of(frame, side).fault:
             return Unfit(fault.about(side), vetoes_clear=side == "left")
-    if np.array_equal(left[::_ROW_STEP], right[::_ROW_STEP]):
+    rows = zip(left[::_ROW_STEP], right[::_ROW_STEP], strict=True)
+    if all(np.array_equal(one, other) for one, other in rows):  # the first differs as a rule
         one = "the left and right frames are one and the same picture"
         return Unfit(Fault(Reason.STEREO, one), vetoes_clear=True)
     return Unfit()
@@ -233,13 +234,28 @@ def _has_specks(view: F32) -> bool:
     """
     width = min(_SPECK_WIDTH, view.shape[1])
     small = KERNELS.area_means(view, max(width * view.shape[0] // view.shape[1], 1), width)
+    height, edge = len(small), _AROUND_PX
+    if min(height, width) <= 2 * edge:  # a view of a few rows or columns
+        return False
+    enough = int(_SPECK_PART * (height - 2 * edge) * (width - 2 * edge))
+    # No row depends on what is farther below: mostly the upper half has enough.
+    above = height // 2 - _LOCAL_PX // 2 - _AROUND_PX // 2
+    for rows, known in ((height // 2, above), (height, height - edge)):
+        if known > edge:
+            brightness = _brightness(small[:rows])[edge:known, edge:-edge]
+            if np.count_nonzero(brightness > SPECKS) > enough:
+                return True
+    return False
+
+
+def _brightness(small: F32) -> F32:
+    """How far each pixel stands out, as a multiple of noise near it."""
     fine = cv2.blur(small, (_SPECK_PX, _SPECK_PX)) - cv2.blur(small, (_AROUND_PX, _AROUND_PX))
     # The mean of what is normally distributed, without its sign, is 0.8 standard deviations.
     noise = np.asarray(cv2.blur(np.abs(fine), (_LOCAL_PX, _LOCAL_PX)), np.float32)
     noise *= math.sqrt(math.pi / 2)
     fine /= np.maximum(noise, 1e-3, out=noise)
-    brightness = fine[_AROUND_PX:-_AROUND_PX, _AROUND_PX:-_AROUND_PX]
-    return int(np.count_nonzero(brightness > SPECKS)) > int(_SPECK_PART * brightness.size)
+    return np.asarray(fine, np.float32)
 
 
 def _light(view: F32) -> F64:
