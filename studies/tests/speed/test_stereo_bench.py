@@ -118,6 +118,7 @@ def test_both_cases_of_a_mission(dive, no_progress, capsys):
         **{"mission": "dive", "frame_size": "1360x1024 gray", "model": "none"},
         **{"frames": {"compared": 2, "timed": 2}, "spread_is": "wide"},
         "stereo": "calibration given",
+        "video_mb": None,
     }
     print_table(results, about)
     table = capsys.readouterr().out
