@@ -118,7 +118,9 @@ def _peak_mb(model: Path, source: str, seconds: float | None = None) -> float:
     log, said = model.with_suffix(".jsonl"), model.with_suffix(".txt")
     command = [sys.executable, "-m", "tokt", "run", "--bundle", str(model), "--source", source]
     command += ["--udp", "127.0.0.1:9", "--log", str(log)]
-    some_cores = partial(os.sched_setaffinity, 0, sorted(os.sched_getaffinity(0))[:CORES])
+    some_cores = None
+    if sys.platform == "linux":  # elsewhere nothing is measured
+        some_cores = partial(os.sched_setaffinity, 0, sorted(os.sched_getaffinity(0))[:CORES])
     peak, end = 0.0, time.monotonic() + (seconds or float("inf"))
     with said.open("wb") as errors:
         run = subprocess.Popen(command, stderr=errors, cwd=model.parent, preexec_fn=some_cores)
