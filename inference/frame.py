@@ -16,7 +16,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.features.extractors.frame_pictures import FramePictures, SharedPictures
-from tokt.features.frames.grid import Grid
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.view_mask import CameraMasks, ViewMask
 
 from .reason import NO_FAULT, Fault, Reason
@@ -58,6 +58,17 @@ class Frame:
     def pictures(self, side: str, grid: Grid, threads: int = 1) -> FramePictures:
         """Pictures of one side, ``"left"`` or ``"right"``, which has one, on a grid."""
         return self.shared.of(getattr(self, side), grid, threads)
+
+    def small_gray(self, side: str) -> U8 | None:
+        """One side in gray, `DEFAULT_GRID` wide; None where it has no picture of a camera's shape.
+
+        Masks cover it as they do in `covered`.
+        """
+        picture = getattr(self.covered, side)
+        if picture is None or shape_fault(picture):
+            return None
+        pictures = self.covered.pictures(side, DEFAULT_GRID)
+        return pictures.rounded if pictures.of_a_camera else None
 
     @cached_property
     def _covered(self) -> Frame:

@@ -1,5 +1,6 @@
 """The pictures that extractors look at, each prepared once a frame."""
 
+import math
 from collections.abc import Callable, Collection, Hashable
 from functools import cached_property
 from threading import RLock
@@ -140,6 +141,11 @@ class FramePictures:
     def size(self) -> tuple[int, int]:
         """Height and width of the pictures in pixels."""
         return _picture_size(check_frame(self._frame, self.threads), self.grid)
+
+    @property
+    def of_a_camera(self) -> bool:
+        """Whether the frame has a camera's shape: a strip would have no rows, or too many."""
+        return 1 <= math.prod(self.grid.resized(*self._frame.shape[:2])) <= MAX_PICTURE
 
     def picture(self, image: Quantization | None) -> U8:
         """The picture a spec's ``image`` describes, uint8; None is the plain one."""

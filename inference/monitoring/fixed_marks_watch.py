@@ -11,7 +11,7 @@ from tokt.features.frames.fixed_marks import FixedMarks
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.view_mask import CAMERAS, boxes_of, mask_options
 from tokt.inference.clock import Clock
-from tokt.inference.frame import Frame, shape_fault
+from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
@@ -46,10 +46,10 @@ class FixedMarksWatch(Observer):
             return
         self._last_s = frame.t
         for camera, marks in self._marks.items():
-            picture = getattr(frame.covered, camera)
-            if picture is None or shape_fault(picture):
+            gray = frame.small_gray(camera)
+            if gray is None:
                 continue
-            marks.add(frame.covered.pictures(camera, DEFAULT_GRID).rounded)
+            marks.add(gray)
             if marks.count % FEWEST_PICTURES == 0:
                 self._tell_new(camera, marks.patches(DEFAULT_GRID))
 

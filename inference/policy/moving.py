@@ -36,7 +36,7 @@ from tokt.features.common.arrays import I64, U8, Bools, median
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.kernels.checks import beside
 from tokt.inference.config import ALL, NEAR
-from tokt.inference.frame import MANY_MISSED, Frame, shape_fault
+from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict, health_of, unknown_verdict
 
@@ -92,11 +92,11 @@ class _Flow(NamedTuple):
 
 def _gray(frame: Frame) -> U8 | None:
     """The left picture in gray, `PATCHES` wide; None where it is too small, or is none."""
-    frame = frame.covered  # what runs on in a masked part, such as a clock, is no thing
-    if frame.left is None or shape_fault(frame.left) or min(frame.left.shape[:2]) < MIN_SIDE_PX:
+    if frame.left is None or min(frame.left.shape[:2]) < MIN_SIDE_PX:
         return None
-    gray = frame.pictures("left", PATCHES).rounded
-    return gray if gray.shape[0] >= MIN_SIDE_PX else None
+    # What runs on in a masked part, such as a clock, is no thing.
+    gray = frame.small_gray("left")
+    return None if gray is None or len(gray) < MIN_SIDE_PX else gray
 
 
 def _flow(gray: U8 | None, key: _Key | None) -> _Flow | None:

@@ -363,15 +363,17 @@ def frame_id(digest: str) -> np.uint64:
 
 def weights_bytes(model: LinearModel) -> bytes:
     """The ``weights.npz`` member."""
-    mapped = {} if model.map is None else vars(model.map)
+    mapped = {} if model.map is None else {name: getattr(model.map, name) for name in _MAP}
     arrays = {"weights": model.weights, "bias": model.bias, "thresholds": model.thresholds}
     return npz_bytes(**arrays, **{name: np.asarray(value) for name, value in mapped.items()})
 
 
 def distribution_bytes(distribution: Distribution) -> bytes:
     """The ``distribution.npz`` member."""
-    values = vars(distribution).items()
-    return npz_bytes(**{name: np.asarray(value, _DISTRIBUTED[name]) for name, value in values})
+    held = {each.name: getattr(distribution, each.name) for each in fields(Distribution)}
+    return npz_bytes(
+        **{name: np.asarray(value, _DISTRIBUTED[name]) for name, value in held.items()}
+    )
 
 
 def classes_json(model: LinearModel) -> list[dict[str, Any]]:

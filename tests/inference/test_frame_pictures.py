@@ -7,15 +7,21 @@ from threading import Barrier, Thread
 import numpy as np
 import pytest
 
+from tests.inference.swimming import Told
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.view_mask import CameraMasks, ViewMask
 from tokt.features.kernels.dispatch import Kernels
 from tokt.features.kernels.quantization import Quantization
+from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
+from tokt.inference.monitoring.fixed_marks_watch import FixedMarksWatch
+from tokt.inference.policy.moving import MovingThings
 from tokt.inference.policy.object_model import ObjectModel, detail_picture
 from tokt.inference.policy.object_tracker import ObjectTracker
+from tokt.inference.report import Report
+from tokt.inference.verdict import CLEAR
 
 IMAGE = Quantization(gain=8, levels=64, smooth=3, window=31, by="frame")
 
@@ -105,6 +111,18 @@ def test_a_frame_for_another_process_leaves_its_pictures_behind():
     assert len(data) < frame.left.nbytes + 1000
     theirs = pickle.loads(data).pictures("left", DEFAULT_GRID).gray16
     assert np.array_equal(theirs, gray16)
+
+
+@pytest.mark.parametrize("shape", [(1, 3000), (1, 1, 3), (40, 30_000), (60_000, 40), (0, 9), (9,)])
+def test_a_strip_has_no_small_picture_and_stops_nothing(shape):
+    strip = Frame(1, 0.0, np.zeros(shape, np.uint8), None)
+    gray = strip.small_gray("left")
+    assert gray is None or gray.shape == (DEFAULT_GRID.width, DEFAULT_GRID.width)
+    judgement = MovingThings(Told()).judge(strip)
+    told = []
+    watch = FixedMarksWatch(SYSTEM_CLOCK, told.append)
+    watch.judged(strip, judgement, Report(1, 1, strip.t, None, judgement.verdict))
+    assert (judgement.verdict.status, told) == (CLEAR, [])
 
 
 def test_a_strip_has_no_pictures():

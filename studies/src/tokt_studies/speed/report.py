@@ -205,7 +205,9 @@ def about_lines(about: Mapping[str, Any]) -> list[str]:
     ]
     if video := about["video_mb"]:
         figures = ", ".join(f"{form} {mb:.0f} MB" for form, mb in video.items())
-        lines.append(f"peak memory with video in, all processes together: {figures}")
+        lines.append(
+            f"peak of what a run with video in allocates, all processes together: {figures}"
+        )
     if kernels["is_library"]:
         lines.insert(1, "these kernels ARE the libraries: a kernel's ratio is about 1 by nature")
     return lines

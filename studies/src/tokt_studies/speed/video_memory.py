@@ -1,8 +1,9 @@
-"""The memory that a run with video in takes: all of its processes together, at its peak.
+"""The memory that a run with video in allocates: all of its processes together, at its peak.
 
-Pages of a file that several processes have in memory (Python, FFmpeg) count once. Processes are
-looked at every `_LOOK_S`, so that a peak of some milliseconds may be missed, but for what the
-system knows of each process alone. Linux only.
+Pages of programs and libraries come on top: 25 to 40 MB (10**6 bytes) are used after the first
+verdict. They are not counted, as the system keeps more or fewer pages around the used ones (50 to
+85 MB of the same run, by the version of Linux), and drops them where memory is short. Processes are
+looked at every `_LOOK_S`, so that a peak of some milliseconds may be missed. Linux only.
 """
 
 import os
@@ -12,7 +13,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -41,18 +41,13 @@ _RATE = 10  # frames a second
 _OPEN_S = 4.0  # until video from the network is judged
 _LOOK_S = 0.02
 _FFMPEG = ("ffmpeg", "-hide_banner", "-loglevel", "error", "-nostdin", "-y")
-_MAPPING = re.compile(  # a part of smaps (proc(5)): the file's name, resident and anonymous kB
-    r"^[0-9a-f]+-[0-9a-f]+ (?:\S+ ){4} *(.*)\n"
-    r"(?:.*\n)*?Rss: +(\d+) kB\n(?:.*\n)*?Anonymous: +(\d+) kB",
-    re.MULTILINE,
-)
-_PEAK = re.compile(r"^VmHWM:\s+(\d+) kB", re.MULTILINE)
+_ALLOCATED = re.compile(r"^Anonymous:\s+(\d+) kB", re.MULTILINE)  # proc(5)
 _KB = 1024 / 1e6  # in MB (10**6 bytes)
 
 
 def can_be_measured() -> bool:
     """Return whether this system tells the memory of processes, and has FFmpeg's program."""
-    return Path("/proc/self/smaps").exists() and shutil.which("ffmpeg") is not None
+    return Path("/proc/self/smaps_rollup").exists() and shutil.which("ffmpeg") is not None
 
 
 def write_video(pictures: Sequence[U8], file: Path, form: str, frames: int) -> None:
@@ -83,8 +78,8 @@ def measure_video_memory(
     Returns
     -------
     dict
-        Peak memory in MB (10**6 bytes), by the form of video: files of each of `ENCODERS`, and
-        `NETWORK`.
+        Peak of what is allocated in MB (10**6 bytes), by the form of video: files of each of
+        `ENCODERS`, and `NETWORK`.
     """
     folder.mkdir(parents=True)
     model = folder / "m.tokt"
@@ -125,7 +120,7 @@ def _peak_mb(model: Path, source: str, seconds: float | None = None) -> float:
     with said.open("wb") as errors:
         run = subprocess.Popen(command, stderr=errors, cwd=model.parent, preexec_fn=some_cores)
         while run.poll() is None:
-            peak = max(peak, _together_mb(run.pid))
+            peak = max(peak, _allocated_mb(run.pid))
             if time.monotonic() > end:
                 run.terminate()
             time.sleep(_LOOK_S)
@@ -136,18 +131,14 @@ def _peak_mb(model: Path, source: str, seconds: float | None = None) -> float:
     return peak
 
 
-def _together_mb(process: int) -> float:
-    """What a process and those that it started have in memory, or one of them had at its peak."""
-    own, files, peak = 0, Counter[str](), 0
+def _allocated_mb(process: int) -> float:
+    """What a process and those that it started have allocated."""
+    allocated = 0
     for number in _with_started(process):
         with suppress(OSError):  # it has ended
-            mine = Counter[str]()
-            for name, resident, anonymous in _MAPPING.findall(_proc(number, "smaps")):
-                own += int(anonymous)
-                mine[name] += int(resident) - int(anonymous)
-            files |= mine  # the more of each
-            peak = max([peak, *map(int, _PEAK.findall(_proc(number, "status")))])
-    return max(own + files.total(), peak) * _KB
+            told = Path(f"/proc/{number}/smaps_rollup").read_text("ascii")
+            allocated += sum(map(int, _ALLOCATED.findall(told)))
+    return allocated * _KB
 
 
 def _with_started(process: int) -> Iterator[int]:
@@ -156,7 +147,3 @@ def _with_started(process: int) -> Iterator[int]:
         for thread in Path(f"/proc/{process}/task").iterdir():
             for number in (thread / "children").read_text("ascii").split():
                 yield from _with_started(int(number))
-
-
-def _proc(process: int, name: str) -> str:
-    return Path(f"/proc/{process}/{name}").read_text("utf-8", "replace")
