@@ -133,9 +133,10 @@ def patch_detail(
     squares = KERNELS.curvature_sums(gray16, grid, (*_COARSE_LAGS, _BEYOND_NOISE))
     pixels = math.prod(grid.patch_size(*gray16.shape)) * STEPS_PER_LEVEL**2
     coarse = squares.reshape(grid.rows, grid.cols, -1) / pixels
-    view = np.ones(repeated.shape, bool) if masked is None or masked.all() else ~masked
-    for each in (mean, coarse, repeated):
-        each[~view] = each[view].mean(axis=0)
+    view = None if masked is None or masked.all() else ~masked
+    if view is not None:
+        for each in (mean, coarse, repeated):
+            each[~view] = each[view].mean(axis=0)
     differences = mean[..., 2:]
     measures = _measures(mean[..., 0], differences, coarse[..., :2], view)
     mean_difference = differences.mean(axis=-1)
@@ -143,14 +144,14 @@ def patch_detail(
     return PatchDetail(mean[..., 0], mean[..., 1], mean_difference, repeated, measures, contrast)
 
 
-def _measures(level: F64, differences: F64, coarse: F64, view: Bools) -> F64:
-    """`MEASURES` of each patch with those of its neighbours that are view."""
+def _measures(level: F64, differences: F64, coarse: F64, view: Bools | None) -> F64:
+    """`MEASURES` of each patch with those of its neighbours that are view, or all if None."""
     both = np.concatenate(
         [np.sqrt(level + 1)[..., None], differences + _LEAST_DIFFERENCE, coarse + _LEAST_SQUARE],
         axis=-1,
     )
     around = cv2.blur(both, (3, 3), borderType=cv2.BORDER_REFLECT_101)
-    if not view.all():
+    if view is not None:
         weight = view.astype(np.float64)
         near = cv2.blur(weight, (3, 3), borderType=cv2.BORDER_REFLECT_101)[..., None]
         some = cv2.blur(both * weight[..., None], (3, 3), borderType=cv2.BORDER_REFLECT_101)
