@@ -8,10 +8,12 @@ likely. It moves by little, and never above all patches of a view that an obstac
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,13 @@ _STEP = 0.01
 _MOST_ROUNDS = 100  # in each frame: some 2 ms
 _MIN_SD = 0.05
 _MAX = 1e6
+
+
+class _Normal(NamedTuple):
+    """A normal distribution of decision values."""
+
+    mean: float
+    sd: float
 
 
 @dataclass(frozen=True)
@@ -117,24 +126,31 @@ class WaterPrior:
         Dempster, Laird, Rubin (1977), "Maximum likelihood from incomplete data via the EM
         algorithm", J. R. Statist. Soc. B 39.
         """
-        before = np.array([[self.water], [self.obstacle]])
-        sds_before = np.array([[self.water_sd], [self.obstacle_sd]])
-        means, sds, share = before, sds_before, self.share
-        scores = np.clip(scores, -_MAX, _MAX)
-        for _ in range(self.rounds):
-            part = 1 / (1 + np.exp(np.clip(_log_odds(scores, means, sds, share), -500, 500)))
-            parts = np.stack([1 - part, part])
-            sums = parts.sum(axis=1, keepdims=True)
-            means = (parts @ scores[:, None] + self.weight * before) / (sums + self.weight)
-            squares = (parts * (scores - means) ** 2).sum(axis=1, keepdims=True)
-            squares += self.sd_weight * sds_before**2
-            sds = np.asarray(np.sqrt(squares / (sums + self.sd_weight)), np.float64)
-            share = (float(sums[1, 0]) + self.weight * self.share) / (len(scores) + self.weight)
-        steps = round(self.limit / _STEP)
-        at = np.round(np.arange(-steps, steps + 1) * _STEP, 2)
+        water = expected_water = _Normal(self.water, self.water_sd)
+        obstacle = expected_obstacle = _Normal(self.obstacle, self.obstacle_sd)
+        share = self.share
+        powers = _powers(np.clip(scores, -_MAX, _MAX))
+        sums = powers.sum(axis=1)
+        with np.errstate(over="ignore"):  # where the odds are beyond all numbers, the part is 0
+            for _ in range(self.rounds):
+                odds = np.exp(_log_odds(water, obstacle, share) @ powers)
+                of_obstacles = powers @ (1 / (1 + odds))
+                water = self._fitted(sums - of_obstacles, expected_water)
+                obstacle = self._fitted(of_obstacles, expected_obstacle)
+                count = float(of_obstacles[0]) + self.weight * self.share
+                share = count / (len(scores) + self.weight)
+        at, powers_at = _candidates(self.limit)
         # Below its mean water is water, even where the wider distribution is the likelier one.
-        beyond = (_log_odds(at, means, sds, share) < 0) & (at >= means[0, 0])
+        beyond = (_log_odds(water, obstacle, share) @ powers_at < 0) & (at >= water.mean)
         return float(at[np.argmax(beyond)] if beyond.any() else at[-1])
+
+    def _fitted(self, sums: F64, expected: _Normal) -> _Normal:
+        """The distribution of patches whose sums of score ** 0, 1 and 2 are known."""
+        count, total, squares = sums.tolist()
+        mean = (total + self.weight * expected.mean) / (count + self.weight)
+        around = max(squares - 2 * mean * total + mean**2 * count, 0.0)
+        variance = (around + self.sd_weight * expected.sd**2) / (count + self.sd_weight)
+        return _Normal(mean, math.sqrt(variance))
 
     def words(self) -> str:
         """For people."""
@@ -168,10 +184,25 @@ class WaterPrior:
         return cls(**{"rounds": 6, **value, "gray": gray})
 
 
-def _log_odds(scores: F64, means: F64, sds: F64, share: float) -> F64:
-    """Logarithm of how much likelier water is than an obstacle, shape (n,)."""
-    log = -0.5 * ((scores - means) / sds) ** 2 - np.log(sds)
-    return np.asarray(log[0] - log[1] + np.log(1 - share) - np.log(share))
+@lru_cache(maxsize=4)
+def _candidates(limit: float) -> tuple[F64, F64]:
+    """The boundaries there can be, shape (n,), and their powers 0, 1 and 2, shape (3, n)."""
+    steps = round(limit / _STEP)
+    at = np.round(np.arange(-steps, steps + 1) * _STEP, 2)
+    return at, _powers(at)
+
+
+def _powers(scores: F64) -> F64:
+    """Scores ** 0, 1 and 2, shape (3, n)."""
+    return np.stack([np.ones_like(scores), scores, scores * scores])
+
+
+def _log_odds(water: _Normal, obstacle: _Normal, share: float) -> F64:
+    """Logarithm of how much likelier water is than an obstacle: factors of score ** 0, 1 and 2."""
+    a, b = -0.5 / water.sd**2, -0.5 / obstacle.sd**2
+    odds = (1 - share) * obstacle.sd / (share * water.sd)
+    constant = a * water.mean**2 - b * obstacle.mean**2 + math.log(odds)
+    return np.array([constant, 2 * (b * obstacle.mean - a * water.mean), a - b])
 
 
 class WaterState:
