@@ -1,13 +1,14 @@
 """Make the tables of docs/explanation/waters.md from what the product answers.
 
-``python docs/make_waters_page.py BY_SITE.json BY_DIVE.json ADAPTED.jsonl BEGUN.jsonl``
+``python docs/make_waters_page.py BY_SITE.json BY_DIVE.json ADAPTED.jsonl BEGUN.jsonl LITE.json``
 
 The first two are the answers of ``tokt train DATASET --stress --json`` and of the same without
 ``--stress`` and with ``--site NAME=NAME`` for one dive, so that dives are held out and not sites.
 Each line of the third is about one dive, to which a model of the other sites was adapted with some
 of its frames: mission, labelled (frames), times, before and after (F1 and AP on its other frames),
 mean, worst and worst_dive (changes of F1 of the old dives). The fourth is the same of ``waters``,
-the model that comes with tokt, as `measure_adaptation.py` writes it.
+the model that comes with tokt, as `measure_adaptation.py` writes it. The fifth is the answer of
+``tokt train DATASET --preset lite --json``.
 What stands outside of the marks is written by hand, and so is what a dive shows.
 """
 
@@ -28,9 +29,11 @@ _TABLE = re.compile(r"<!-- table (\w+) -->\n.*?<!-- end -->\n", re.DOTALL)
 _BOTH = ("f1", "average_precision")
 
 
-def main(by_site: str, by_dive: str, adapted: str, begun: str) -> None:
+def main(by_site: str, by_dive: str, adapted: str, begun: str, lite: str) -> None:
     """Write the page."""
-    site, dive = (json.loads(Path(file).read_text("utf-8"))["cv"] for file in (by_site, by_dive))
+    site, dive, half = (
+        json.loads(Path(file).read_text("utf-8"))["cv"] for file in (by_site, by_dive, lite)
+    )
     rows, of_waters = (
         [json.loads(line) for line in Path(file).read_text("utf-8").splitlines()]
         for file in (adapted, begun)
@@ -38,7 +41,7 @@ def main(by_site: str, by_dive: str, adapted: str, begun: str) -> None:
     page = PAGE.read_text("utf-8")
     shows = dict(re.findall(r"^\| `([^`]+)` \| ([^|]*) \|", page, re.MULTILINE))
     tables = {
-        "dives": dives_table(site["dives"], dive["dives"], shows),
+        "dives": dives_table(site["dives"], dive["dives"], half["dives"], shows),
         "changes": changes_table(site["dives"], site["stress"]),
         "adapted": adapted_table(rows),
         "begun": adapted_table(of_waters),
@@ -54,18 +57,25 @@ def filled(page: str, tables: Mapping[str, str]) -> str:
 
 
 def dives_table(
-    by_site: Mapping[str, Any], by_dive: Mapping[str, Any], shows: Mapping[str, str]
+    by_site: Mapping[str, Any],
+    by_dive: Mapping[str, Any],
+    lite: Mapping[str, Any],
+    shows: Mapping[str, str],
 ) -> str:
-    """Return a row for each dive, judged without its site and without itself, and their means."""
-    rows = []
+    """Return a row for each dive, judged without its site and without itself, and their means.
+
+    The last column is of another preset, judged without the dive's site.
+    """
+    rows, judged = [], (by_site, by_dive, lite)
     for name, one in sorted(by_site.items()):
-        pairs = [_pair(found[name]) if has_water(one) else "- / -" for found in (by_site, by_dive)]
+        pairs = [_pair(found[name]) if has_water(one) else "- / -" for found in judged]
         sides = (_figure(one[key]) for key in ("precision", "recall"))
-        rows.append([f"`{name}`", shows.get(name, ""), pairs[0], *sides, pairs[1]])
+        rows.append([f"`{name}`", shows.get(name, ""), pairs[0], *sides, *pairs[1:]])
     watered = [name for name, one in by_site.items() if has_water(one)]
-    means = [_mean_pair(found[name] for name in watered) for found in (by_site, by_dive)]
-    rows.append(["mean", f"of the {len(watered)} that have water", means[0], "", "", means[1]])
+    means = [_mean_pair(found[name] for name in watered) for found in judged]
+    rows.append(["mean", f"of the {len(watered)} that have water", means[0], "", "", *means[1:]])
     head = ("dive", "what", "site held out: F1 / AP", "precision", "recall", "dive held out")
+    head += ("`lite_water`, site held out",)
     return _table(head, rows)
 
 

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Callable, Collection, Hashable
-from functools import cached_property
+from functools import cached_property, lru_cache
 from threading import RLock
 from typing import Any, TypeVar, cast
 
+import cv2
 import numpy as np
 
 from tokt.features.common.arrays import F32, F64, I64, U8, U16
@@ -134,25 +135,25 @@ class FramePictures:
     def __init__(self, frame: U8, grid: Grid, threads: int = 1, made: _Made | None = None) -> None:
         self.grid = grid
         self.threads = threads
-        self._frame = frame
+        self.frame = frame
         self._made = made or _Made()
 
     @cached_property
     def size(self) -> tuple[int, int]:
         """Height and width of the pictures in pixels."""
-        return _picture_size(check_frame(self._frame, self.threads), self.grid)
+        return _picture_size(check_frame(self.frame, self.threads), self.grid)
 
     @property
     def of_a_camera(self) -> bool:
         """Whether the frame has a camera's shape: a strip would have no rows, or too many."""
-        return 1 <= math.prod(self.grid.resized(*self._frame.shape[:2])) <= MAX_PICTURE
+        return 1 <= math.prod(self.grid.resized(*self.frame.shape[:2])) <= MAX_PICTURE
 
     def picture(self, image: Quantization | None) -> U8:
         """The picture a spec's ``image`` describes, uint8; None is the plain one."""
         if image is None:
             return self._made.once(
                 ("gray", self.size),
-                lambda: KERNELS.resized_gray(self._frame, *self.size, self.threads),
+                lambda: KERNELS.resized_gray(self.frame, *self.size, self.threads),
             )
         return self._made.once((image, self.size), lambda: self._quantized(image))
 
@@ -160,7 +161,7 @@ class FramePictures:
         """Make the plain picture, if it is among these images, and `gray16` in the same pass."""
         plain, deep = ("gray", self.size), ("gray16", self.size)
         if None in images and deep not in self._made:
-            gray16, gray = KERNELS.resized_grays(self._frame, *self.size, self.threads)
+            gray16, gray = KERNELS.resized_grays(self.frame, *self.size, self.threads)
             self._made.offer(deep, gray16)
             self._made.offer(plain, gray)
 
@@ -183,8 +184,13 @@ class FramePictures:
         """The frame resized and gray in 1/256 grey level."""
         return self._made.once(
             ("gray16", self.size),
-            lambda: KERNELS.resized_gray16(self._frame, *self.size, self.threads),
+            lambda: KERNELS.resized_gray16(self.frame, *self.size, self.threads),
         )
+
+    @property
+    def halved(self) -> "HalvedPictures":
+        """Those of half the width and height."""
+        return self._made.once(("halved", self.grid, self.size), lambda: HalvedPictures(self))
 
     @property
     def rounded(self) -> U8:
@@ -198,7 +204,7 @@ class FramePictures:
     @property
     def has_colour(self) -> bool:
         """Whether any pixel's channels differ: what a gray camera gave as BGR has no colour."""
-        return self._made.once(("colour",), lambda: _has_colour(self._frame))
+        return self._made.once(("colour",), lambda: _has_colour(self.frame))
 
     def box_means(self, cells: int) -> I64:
         """Mean colour of each part of each patch, int64, in 1/256 level.
@@ -208,10 +214,10 @@ class FramePictures:
         """
         grid, (height, width) = self.grid, self.size
         patch_height, patch_width = grid.patch_size(height, width)
-        tall, wide = self._frame.shape[:2]
+        tall, wide = self.frame.shape[:2]
         rows = _box_ends(tall, patch_height * grid.rows, height, grid.rows * cells)
         columns = _box_ends(wide, patch_width * grid.cols, width, grid.cols * cells)
-        sums = KERNELS.box_sums(self._frame, rows, columns, self.threads)
+        sums = KERNELS.box_sums(self.frame, rows, columns, self.threads)
         pixels = np.diff(rows)[:, None] * np.diff(columns)[None]
         return np.asarray((sums * STEPS_PER_LEVEL + pixels // 2) // pixels, np.int64)
 
@@ -222,6 +228,45 @@ class FramePictures:
     def _colours(self, cells: int) -> F64:
         means = self.box_means(cells)
         return lab_of(np.broadcast_to(means, (*means.shape[:2], 3)))
+
+
+def _halved(gray16: U16, grid: Grid) -> U16:
+    """Means of 2x2 pixels within each patch, whose last row or column is left out where odd."""
+    height, width = grid.patch_size(*gray16.shape)
+    even = gray16[: grid.rows * height, : grid.cols * width]
+    for axis, count, side in ((0, grid.rows, height), (1, grid.cols, width)):
+        if side % 2:
+            even = even.take(_without_last(count, side), axis)
+    high, wide = even.shape
+    return np.asarray(cv2.resize(even, (wide // 2, high // 2), interpolation=cv2.INTER_AREA))
+
+
+@lru_cache(maxsize=8)
+def _without_last(count: int, side: int) -> I64:
+    """The places of `count` parts' pixels, `side` each, without each part's last one."""
+    return np.add.outer(np.arange(count) * side, np.arange(side - 1)).ravel()
+
+
+class HalvedPictures(FramePictures):
+    """Quantized pictures of half the width and height, whose patches are those of the whole one.
+
+    There is no plain one: a spec says with ``half`` which textures are looked for in these.
+    """
+
+    def __init__(self, whole: FramePictures) -> None:
+        super().__init__(whole.frame, whole.grid, whole.threads)
+        self._gray16 = _halved(whole.gray16, whole.grid)
+
+    @cached_property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the pictures in pixels."""
+        height, width = self._gray16.shape
+        return height, width
+
+    @property
+    def gray16(self) -> U16:
+        """The means of 2x2 pixels of the whole picture, in 1/256 grey level."""
+        return self._gray16
 
 
 def _has_colour(frame: U8) -> bool:

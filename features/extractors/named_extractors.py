@@ -8,7 +8,7 @@ from tokt.features.common.errors import ToktError, naming, os_errors_as
 from tokt.features.kernels.quantization import FRAME, Quantization
 
 from .spec import build_extractor
-from .textures import LOG, NEAREST, Context, Extractor, Glcm, Join, Lbp, Lines, Structure
+from .textures import LOG, NEAREST, Context, Extractor, Glcm, Half, Join, Lbp, Lines, Structure
 from .water import Colour, Gradients, PatchPlace, Relative, WaterContrast
 
 _FILE = "spec:"
@@ -21,6 +21,10 @@ _STROKES = Quantization(gain=24, smooth=3, window=31, by=FRAME)
 _SHAPES = Lbp(8, 13, "frame", _PATTERNS, NEAREST)
 _FINE_LINES = Lines((2, 4), replace(_STROKES, smooth=1))
 _GRADIENTS = Gradients((1, 3, 5, 9))
+# At half the width; chosen as CHOSEN_ON of the presets says.
+_HALF_LINES = Half(Lines((2, 4, 8, 16), replace(_STROKES, smooth=1, window=15)))
+_HALF_SHAPES = Half(Lbp(8, 6, "frame", replace(_PATTERNS, smooth=3, window=31), NEAREST))
+_HALF_GRADIENTS = Half(Gradients((1, 3)))
 NAMED: dict[str, Extractor] = {
     "lbp": Lbp(10, 5, "patch"),
     "lbp_10_5": Lbp(10, 5, "patch"),
@@ -40,6 +44,11 @@ NAMED: dict[str, Extractor] = {
     "water": WaterContrast([_GRADIENTS, Colour(9, gray=True), _SHAPES, _FINE_LINES], 0.3, 9),
     "water_gray": Join(
         [Context(Relative([_GRADIENTS, _SHAPES, _FINE_LINES], 0.3), "mean"), PatchPlace()]
+    ),
+    "lite": Context(_HALF_LINES, "mean"),
+    "lite_water": WaterContrast([_HALF_GRADIENTS, Colour(3, gray=True), _HALF_SHAPES], 0.3, 3),
+    "lite_water_gray": Join(
+        [Context(Relative([_HALF_GRADIENTS, _HALF_SHAPES], 0.3), "mean"), PatchPlace()]
     ),
     "lbp_8_1": Lbp(8, 1, "patch"),
     "lbp_8_2": Lbp(8, 2, "patch"),

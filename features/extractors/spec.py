@@ -18,6 +18,7 @@ from .textures import (
     Context,
     Extractor,
     Glcm,
+    Half,
     Join,
     Lbp,
     Lines,
@@ -83,6 +84,23 @@ def _join_from(spec: Spec, outer: Outer) -> Join:
     return Join([_built(part, outer | {"join"}) for part in parts])
 
 
+_AT_HALF_WIDTH = ("lbp", "haralick", "moments", "structure", "lines", "gradients", "join")
+
+
+def _half_from(spec: Spec, outer: Outer) -> Half:
+    part = _built(spec["part"], outer | {"half"})
+    names = {each["name"] for each in _with_parts(part.spec)}
+    if not names.issubset(_AT_HALF_WIDTH) or None in part.images:
+        raise ToktError(
+            f"half: its part is one of {', '.join(_AT_HALF_WIDTH)}, with no plain image"
+        )
+    return Half(part)
+
+
+def _with_parts(spec: Spec) -> list[Spec]:
+    return [spec, *(inner for part in spec.get("parts", ()) for inner in _with_parts(part))]
+
+
 MAX_SMOOTH, MAX_CELLS = 15, 32
 
 
@@ -146,6 +164,7 @@ _BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Extractor], set[str
     "water_contrast": {1: (_water_contrast_from, {"parts", "quietest", "cells"})},
     "context": {1: (_context_from, {"part", "statistic"})},
     "join": {1: (_join_from, {"parts"})},
+    "half": {1: (_half_from, {"part"})},
 }
 
 
@@ -208,6 +227,8 @@ def _texture(part: Mapping[str, Any]) -> str:
         case "context":
             around = f"of each patch and the {part['statistic']} of its neighbours"
             return f"{extractor_summary(part['part'])}, {around}"
+        case "half":
+            return f"{extractor_summary(part['part'])}, at half the width"
         case "gradients":
             return f"gradients smoothed over {', '.join(map(str, part['smooth']))} pixels"
         case "relative" | "water_contrast":

@@ -320,6 +320,31 @@ class Join(Extractor):
         return np.hstack([part.describe_pictures(pictures) for part in self.parts])
 
 
+class Half(Extractor):
+    """A part that looks at the frame at half the width and height: a quarter of the work.
+
+    Parameters
+    ----------
+    part : Extractor
+        It looks at no plain picture and no colours.
+    """
+
+    images = ()
+
+    def __init__(self, part: Extractor) -> None:
+        if None in part.images:
+            raise ValueError("half: its part looks at the plain picture")
+        self.part = part
+        self.dim = part.dim
+        self.names = tuple(f"half.{name}" for name in part.names)
+        self.energies = part.energies
+        self._spec = {"name": "half", "version": SPEC_VERSION, "part": part.spec}
+
+    def describe_pictures(self, pictures: FramePictures) -> F64:
+        """The part's features of the pictures at half the width."""
+        return self.part.describe_pictures(pictures.halved)
+
+
 _AROUND = [(down, right) for down in range(3) for right in range(3) if (down, right) != (1, 1)]
 
 

@@ -24,10 +24,12 @@ DIVES = {"sea": dive(0.8, 0.9, 40), "tank": dive(0.6, 0.7, 50), "wall": dive(1.0
 
 
 def test_a_dive_without_water_has_no_f1_and_counts_in_no_mean(maker):
-    lines = maker["dives_table"](DIVES, {**DIVES, "sea": dive(0.9, 1.0, 40)}, {"sea": "deep"})
-    assert "| `sea` | deep | 0.80 / 0.90 | 0.50 | 0.25 | 0.90 / 1.00 |\n" in lines
-    assert "| `wall` |  | - / - | 0.50 | 0.25 | - / - |\n" in lines
-    assert "| mean | of the 2 that have water | 0.70 / 0.80 |  |  | 0.75 / 0.85 |\n" in lines
+    better, worse = ({**DIVES, "sea": dive(f1, f1 + 0.1, 40)} for f1 in (0.9, 0.7))
+    lines = maker["dives_table"](DIVES, better, worse, {"sea": "deep"})
+    assert "| `sea` | deep | 0.80 / 0.90 | 0.50 | 0.25 | 0.90 / 1.00 | 0.70 / 0.80 |\n" in lines
+    assert "| `wall` |  | - / - | 0.50 | 0.25 | - / - | - / - |\n" in lines
+    means = "0.70 / 0.80 |  |  | 0.75 / 0.85 | 0.65 / 0.75"
+    assert f"| mean | of the 2 that have water | {means} |\n" in lines
 
 
 def test_changes_that_training_draws_are_told_from_others(maker):

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import cycle
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -108,6 +109,7 @@ def specs() -> tuple[dict[str, Any], ...]:
         _spec_of("context", statistic="max", part=lines),
         {**_LBP, "version": 2, "sampling": "nearest", **_DEEP},
         _spec_of("structure", **_DEEP),
+        _spec_of("half", part=_spec_of("join", parts=[gradients, lines])),
         _spec_of("join", parts=[relative, _spec_of("place")]),
     )
 
@@ -161,10 +163,11 @@ def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, w
 @cache
 def small_bundles() -> list[Files]:
     """One of each kind of extractor, the last with a map, and one of each older format."""
-    grid, gray = Grid(2, 2, 12), textured(8, 12)
-    colour = cv2.merge([textured(8, 12, seed) for seed in (1, 2, 3)])
+    grid, gray = Grid(2, 2, 16), textured(12, 16)
+    colour = cv2.merge([textured(12, 16, seed) for seed in (1, 2, 3)])
     made = []
-    for extractor, classes in zip(map(build_extractor, specs()), (_TWO, _THREE) * 3, strict=True):
+    kinds = cycle((_TWO, _THREE))
+    for extractor, classes in zip(map(build_extractor, specs()), kinds, strict=False):
         frame = colour if extractor.needs_colour else gray
         made.append(bundle_bytes(_content(extractor, grid, [frame], classes)))
     older = [path.read_bytes() for path in sorted(_OLDER.glob("bundle_of_format_*.zip"))]

@@ -46,7 +46,7 @@ def test_what_the_changes_start_from_is_sound(tmp_path):
     for number, (read, files) in enumerate(cases):
         write_files(files, tmp_path / str(number))
         read(tmp_path / str(number))
-    assert len(bundles.small_bundles()) == 12, "a bundle of an older format is not there"
+    assert len(bundles.small_bundles()) == 13, "a bundle of an older format is not there"
 
 
 def _active_label(folder: Path) -> None:

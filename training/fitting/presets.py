@@ -102,6 +102,9 @@ PRESETS = {
         max_samples=16_000,
     ),
 }
+# For small computers: features at half the width, and fewer of them.
+PRESETS["lite"] = replace(PRESETS["best"], preset="lite")
+PRESETS["lite_water"] = replace(PRESETS["water"], preset="lite_water", landmarks=100)
 
 CHOSEN_ON = {
     "best": (
@@ -115,24 +118,43 @@ CHOSEN_ON = {
         "nineteen groups of frames of twelve other sites. Figures on that data are somewhat too "
         "good, and only another dive is a test."
     ),
+    "lite": (
+        "The extractor is one of twelve, chosen by blocked cross-validation on the sea-trial "
+        "mission. Figures on that data are somewhat too good, and only another dive is a test."
+    ),
+    "lite_water": (
+        "The extractor and the number of landmarks are one pair of ten, chosen by the figures of "
+        "eleven dives of four sites, each site held out. Figures on those dives are somewhat too "
+        "good, and only another dive is a test."
+    ),
 }
 DEFAULT_EXTRACTOR = "haralick"
 # What `tokt search` found on the sea-trial mission: the simplest within 0.01 of the best.
 _SHAPES = "lbp_flat_8_5+lbp_flat_8_9+lbp_flat_8_13+lines+lines_fine"
 _BEST = {"lbp": _SHAPES, "haralick": f"haralick_flat+{_SHAPES}"}
+OF_WHOLE_FRAMES = {
+    # Of colour frames and of gray ones.
+    "water": ("water", "water_gray"),
+    "lite": ("lite", "lite"),
+    "lite_water": ("lite_water", "lite_water_gray"),
+}
 _BEST_READY_CUT = (
     "lbp_8_1+lbp_8_2+lbp_12_3+lbp_10_5+lbp_24_8+haralick_log+haralick_log_64+haralick_log_16"
     "+lines+structure_3+structure_7+structure_11"
 )
 
 
+_OF_SEVERAL_DIVES = {"best": "water", "lite": "lite_water"}
+
+
 def preset_for(preset: str, dataset: DatasetVersion) -> str:
     """The preset that a name stands for: of several dives' frames ``best`` is ``water``.
 
     What tells one dive's water best does not carry over to another's, and the other way round.
+    ``lite`` is ``lite_water`` then.
     """
     several = dataset.patches.mission.nunique() > 1 and not _ready_cut(dataset.grid)
-    return "water" if preset == "best" and several else preset
+    return _OF_SEVERAL_DIVES.get(preset, preset) if several else preset
 
 
 def settings_named(preset: str, grid: Grid | None = None) -> TrainingSettings:
@@ -193,17 +215,19 @@ def extractor_for(
 ) -> Extractor:
     """The extractor a preset uses for ``lbp``, ``haralick`` or a more exact name.
 
-    ``water`` and ``best`` widen the two plain names. ``water``: to gradients, colours (none for
-    `gray` frames), shapes, less what the frame's own water shows. ``best``: to LBP, lines and
-    structure of the frame without its background, ``haralick`` with Haralick's figures of it as
+    All but ``plain`` and ``thesis`` widen the two plain names. ``water``: to gradients, colours
+    (none for `gray` frames), shapes, less what the frame's own water shows. ``best``: to LBP, lines
+    and structure of the frame without its background, ``haralick`` with Haralick's figures of it as
     well. For ready-cut patches, which have no background of their own frame around them, both are
-    LBP and Haralick at several
-    scales. ``thesis`` leaves grey level 0 out of Haralick's counts, as the thesis does.
+    LBP and Haralick at several scales. ``lite`` has the lines alone, at half the width, and
+    ``lite_water`` what ``water`` has without lines, at half the width but for the colours.
+    ``thesis`` leaves grey level 0 out of Haralick's counts, as the thesis does.
     """
-    if preset == "water" and name in _BEST:
+    if preset in OF_WHOLE_FRAMES and name in _BEST:
         if _ready_cut(grid):
-            raise ToktError("preset water needs whole frames; ready-cut patches have no water")
-        return extractor_named("water_gray" if gray else "water")
+            raise ToktError(f"preset {preset} needs whole frames, and these patches are ready-cut")
+        of_colour, of_gray = OF_WHOLE_FRAMES[preset]
+        return extractor_named(of_gray if gray else of_colour)
     if preset == "best" and name in _BEST:
         return extractor_named(_BEST_READY_CUT if _ready_cut(grid) else _BEST[name])
     if preset == "thesis" and name == "haralick":

@@ -42,7 +42,8 @@ _VALUES = """
     least_patches=N|auto max_ms=MS mission=MISSION mission_dir=DIR models=MODEL... name=NAME
     ocean=IMAGE other=IMAGE out=DIR patches=DIR pictures=FRAMES
     ply_farthest=METRES port=PORT
-    preset=thesis|plain|water|best rate=FPS reason=WHY registered_by=KEY.pub seconds=SECONDS
+    preset=thesis|plain|water|best|lite|lite_water rate=FPS reason=WHY registered_by=KEY.pub
+    seconds=SECONDS
     sign=KEY site=NAME=A,B source=SOURCE space=FILE.toml split=dive|block square=MM stereo=bm|sgbm
     stereo_scale=SCALE stopping_distance=METRES store=STORE task=binary|classes timeout=SECONDS
     trust=KEY.pub udp=HOST:PORT weight=dive|patch workspace=DIR

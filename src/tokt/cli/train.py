@@ -74,7 +74,11 @@ def train(
         ),
     ] = None,
     preset: Annotated[
-        str, Option(help="Preset of settings; best means water where there are several dives.")
+        str,
+        Option(
+            help="Preset of settings; lite is for small computers. Of several dives best means "
+            "water, and lite lite_water."
+        ),
     ] = "best",
     name: Annotated[
         str | None, Option(help="Name of the model. Default: DATASET-EXTRACTOR.")

@@ -43,6 +43,27 @@ def test_no_stage_of_a_run_grows_by_a_tenth(tmp_path):
     assert not changed, "\n".join([*changed, ANEW])
 
 
+OF_A_MODEL = ("quantize", "haralick", "lbp", "lines", "features", "decision")
+
+
+@needs_valgrind
+@pytest.mark.skipif(KERNELS.name != COMPILED, reason="it is the compiled kernels that are stored")
+def test_a_lite_model_takes_a_third_of_the_instructions_of_the_best(tmp_path):
+    out = ("--json", "--out", tmp_path / "out")
+    lite = table(json.loads(succeeds("bench", "--count", "--preset", "lite", *out).out))
+    best = json.loads(STORED.read_text("utf-8"))
+    if other := other_code(best, lite):
+        pytest.skip(f"{STORED.name} was written with other code: {other}")
+    of_best, of_lite = (
+        {name: one["stages"].get(f"{name}, before the datagram", 0.0) for name in OF_A_MODEL}
+        for one in (best, lite)
+    )
+    # Of these a lite model has none: they are the named object's, as in the run of the best.
+    of_the_object = of_lite["haralick"] + of_lite["lbp"]
+    shares = [sum(stages.values()) - of_the_object for stages in (of_lite, of_best)]
+    assert shares[0] <= shares[1] / 3
+
+
 def test_a_stage_that_grew_or_shrank_is_told():
     stored = {"sight": 4.0, "log": 0.8, "drift": 1.2}
     assert changes(stored, stored) == []

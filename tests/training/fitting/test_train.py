@@ -18,10 +18,18 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
 from tests.calls import refuses, run_python, succeeds
-from tests.fixtures import BUILD_TINY, TRAIN_TINY, draw_tiny_frame, quiet, tiny_labels, write_labels
+from tests.fixtures import (
+    BUILD_TINY,
+    TRAIN_TINY,
+    draw_tiny_frame,
+    quiet,
+    tiny_labels,
+    tower_cells,
+    write_labels,
+)
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import frame_id
+from tokt.models.bundle.bundle import frame_id, read_bundle
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
@@ -482,9 +490,29 @@ def test_of_several_dives_best_is_water_without_colours_where_there_are_none(beg
     assert made["cv"]["dives"].keys() == {"gray", "yellow"} and made["operating_point"]["water"]
     assert extractor_for("haralick", "water").spec == extractor_named("water").spec
     ready_cut = Mock(grid=Grid(1, 1, None), patches=pd.DataFrame({"mission": ["a", "b"]}))
-    assert preset_for("best", ready_cut) == "best"
+    assert (preset_for("best", ready_cut), preset_for("lite", ready_cut)) == ("best", "lite")
+    refuses("ready-cut", extractor_for, "haralick", "lite", ready_cut.grid)
     assert preset_for("best", open_dataset("mixed", workspace / "datasets")) == "water"
     assert preset_for("plain", open_dataset("mixed", workspace / "datasets")) == "plain"
+    half = json.loads(succeeds("train", "mixed", "--preset", "lite", "--json", *less).out)
+    spec = extractor_named("lite_water_gray").spec
+    assert (half["preset"], half["extractor"]) == ("lite_water", spec)
+    assert half["operating_point"]["water"]
+
+
+def test_a_lite_model_is_trained_and_judges_a_run(tiny, workspace, tmp_path):
+    model, log, where = tmp_path / "m.tokt", tmp_path / "l.jsonl", ("--workspace", workspace)
+    asked = ("train", "tiny", "--preset", "lite", "--name", "small", *TRAIN_TINY, *where)
+    made = json.loads(succeeds(*asked, "--json").out)
+    assert made["preset"] == "lite" and made["cv"]["patch"]["f1"] > 0.9
+    assert "one of twelve" in made["cv"]["split"]
+    succeeds("export", "small", "-o", model, *where)
+    assert read_bundle(model).extractor.spec == extractor_named("lite").spec
+    succeeds("run", "--source", tiny.path, "--bundle", model, "--udp", "127.0.0.1:9", "--log", log)
+    lines = map(json.loads, log.read_text("utf-8").splitlines())
+    said = {line["frame"]: line["status"] for line in lines if "status" in line}
+    truth = {frame: int(bool(tower_cells(frame))) for frame in said}
+    assert said == truth
 
 
 def test_best_trains_better_than_plain_on_its_own_ground(request_for, tmp_path, no_progress):
