@@ -123,8 +123,8 @@ CHOSEN_ON = {
         "mission. Figures on that data are somewhat too good, and only another dive is a test."
     ),
     "lite_water": (
-        "The extractor and the number of landmarks are one pair of ten, chosen by the figures of "
-        "eleven dives of four sites, each site held out. Figures on those dives are somewhat too "
+        "The extractor and the number of landmarks are one of ten pairs. It was chosen with whole "
+        "sites held out, on eleven dives of four sites. Figures on those dives are somewhat too "
         "good, and only another dive is a test."
     ),
 }
