@@ -39,7 +39,8 @@ def main(by_site: str, by_dive: str, adapted: str, begun: str, lite: str) -> Non
         for file in (adapted, begun)
     )
     page = PAGE.read_text("utf-8")
-    shows = dict(re.findall(r"^\| `([^`]+)` \| ([^|]*) \|", page, re.MULTILINE))
+    # Its first row is the one of a dive that says what it shows.
+    shows = dict(reversed(re.findall(r"^\| `([^`]+)` \| ([^|]*) \|", page, re.MULTILINE)))
     tables = {
         "dives": dives_table(site["dives"], dive["dives"], half["dives"], shows),
         "changes": changes_table(site["dives"], site["stress"]),
