@@ -238,6 +238,16 @@ def test_frames_that_the_runtime_refuses_are_counted(two_images):
     assert case.findings()["frames_refused"] == 1 and not case.exact
 
 
+def test_a_clear_that_the_runtime_takes_back_is_refused_and_no_difference(two_images, sea):
+    frame = open_mission(sea).read(1).copy()
+    frame[:, : frame.shape[1] * 2 // 3] = frame[:, -1:]  # most of the view shows nothing
+    case = WholeFrame(FEATURE_SETS[0], two_images)
+    case.check(Picture(frame))
+    found = case.findings()
+    assert found["frames_refused"] == 1 and found["patches_different"] == 0
+    assert found["obstacle_patches"] == 0 and case.exact
+
+
 def test_calls_are_timed_in_turns_on_the_same_items():
     seen = []
     calls = {name: lambda item, name=name: seen.append((name, item)) for name in (BASELINE, OURS)}

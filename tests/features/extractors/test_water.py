@@ -231,8 +231,9 @@ def test_refused_specs(words, wrong):
     refuses(words, build_extractor, wrong)
 
 
-def test_a_frame_without_colour_is_told_by_its_features():
-    water, plain = extractor_named("water"), extractor_named("water_gray")
+@pytest.mark.parametrize("name", ["water", "lite_water"])
+def test_a_frame_without_colour_is_told_by_its_features(name):
+    water, plain = extractor_named(name), extractor_named(f"{name}_gray")
     for frame in (sea(), with_post(sea(1)), sea(2, cast=(90, 90, 90)), np.zeros_like(sea())):
         gray = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         for one, is_gray in ((frame, not frame.any()), (gray, True), (cv2.merge([gray] * 3), True)):
@@ -241,11 +242,12 @@ def test_a_frame_without_colour_is_told_by_its_features():
         assert not plain.is_gray(plain.describe(gray, DEFAULT_GRID)).any()
 
 
+@pytest.mark.parametrize("name", ["water", "lite_water"])
 @pytest.mark.parametrize("size", [(480, 640), (1080, 1920), (2160, 3840)])
 @pytest.mark.parametrize("noise", [1, 4])
-def test_even_water_in_colour_is_not_gray(size, noise):
+def test_even_water_in_colour_is_not_gray(name, size, noise):
     """However little its colours differ from place to place."""
-    water, rng = extractor_named("water"), np.random.default_rng(noise)
+    water, rng = extractor_named(name), np.random.default_rng(noise)
     light = np.linspace(1, 0.9, size[0])[:, None, None] * np.array((135, 108, 54))
     frame = np.clip(light + rng.normal(0, noise, (*size, 3)), 0, 255).astype(np.uint8)
     assert not water.is_gray(water.describe(frame, DEFAULT_GRID)).any()

@@ -20,7 +20,7 @@ from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import assemble
 from tokt.inference.policy.moving import STEP_S
 from tokt.inference.policy.policy import judge_image
-from tokt.inference.verdict import CLEAR
+from tokt.inference.verdict import CLEAR, UNKNOWN
 from tokt.models.bundle.bundle import Bundle
 from tokt_studies.baselines import thesis_texture
 
@@ -223,9 +223,10 @@ class WholeFrame(Case[Picture]):
         """Labels of all patches, status, centre and box, unless the runtime refuses the frame."""
         found, model = self._found, self._models.bundle.model
         judgement = judge_image(self._models.bundle, picture.frame)
+        # The runtime refuses, say, a black frame; the thesis's way has no such word.
+        refused = judgement.verdict.status == UNKNOWN
+        found["frames_refused"] += refused
         if judgement.decision_values is None:
-            # The runtime refuses, say, a black frame; the thesis's way has no such word.
-            found["frames_refused"] += 1
             return False
         theirs = thesis_texture.judge(
             picture.frame, self._texture.describe_patch, self._models.classifier
@@ -233,6 +234,8 @@ class WholeFrame(Case[Picture]):
         labels = model.obstacle_patches(judgement.decision_values)
         said = attrgetter("status", "x", "y", "box")
         same = said(judgement.verdict) == said(theirs.verdict)
+        # Of those that it looked at it refuses to call clear what it cannot see.
+        same |= refused and theirs.verdict.status == CLEAR
         different = int((labels != theirs.obstacle).sum())
         self.checked += 1
         self.wrong += not same or different > 0
