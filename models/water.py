@@ -31,7 +31,7 @@ _MIN_SD = 0.05
 _MAX = 1e6
 
 
-class _ScoreLaw(NamedTuple):
+class _ScoreDistribution(NamedTuple):
     """A normal distribution of decision values."""
 
     mean: float
@@ -126,8 +126,8 @@ class WaterPrior:
         Dempster, Laird, Rubin (1977), "Maximum likelihood from incomplete data via the EM
         algorithm", J. R. Statist. Soc. B 39.
         """
-        water = expected_water = _ScoreLaw(self.water, self.water_sd)
-        obstacle = expected_obstacle = _ScoreLaw(self.obstacle, self.obstacle_sd)
+        water = expected_water = _ScoreDistribution(self.water, self.water_sd)
+        obstacle = expected_obstacle = _ScoreDistribution(self.obstacle, self.obstacle_sd)
         share = self.share
         powers = _powers(np.clip(scores, -_MAX, _MAX))
         sums = powers.sum(axis=1)
@@ -144,13 +144,13 @@ class WaterPrior:
         beyond = (_log_odds(water, obstacle, share) @ powers_at < 0) & (at >= water.mean)
         return float(at[np.argmax(beyond)] if beyond.any() else at[-1])
 
-    def _fitted(self, sums: F64, expected: _ScoreLaw) -> _ScoreLaw:
+    def _fitted(self, sums: F64, expected: _ScoreDistribution) -> _ScoreDistribution:
         """The distribution of patches whose sums of score ** 0, 1 and 2 are known."""
         count, total, squares = sums.tolist()
         mean = (total + self.weight * expected.mean) / (count + self.weight)
         around = max(squares - 2 * mean * total + mean**2 * count, 0.0)
         variance = (around + self.sd_weight * expected.sd**2) / (count + self.sd_weight)
-        return _ScoreLaw(mean, math.sqrt(variance))
+        return _ScoreDistribution(mean, math.sqrt(variance))
 
     def words(self) -> str:
         """For people."""
@@ -197,7 +197,7 @@ def _powers(scores: F64) -> F64:
     return np.stack([np.ones_like(scores), scores, scores * scores])
 
 
-def _log_odds(water: _ScoreLaw, obstacle: _ScoreLaw, share: float) -> F64:
+def _log_odds(water: _ScoreDistribution, obstacle: _ScoreDistribution, share: float) -> F64:
     """Logarithm of how much likelier water is than an obstacle: factors of score ** 0, 1 and 2."""
     a, b = -0.5 / water.sd**2, -0.5 / obstacle.sd**2
     odds = (1 - share) * obstacle.sd / (share * water.sd)
