@@ -59,7 +59,7 @@ def said(environment, *command, **more):
         (("dep",), ["deploy", "depth"]),
         (("train", "t"), ["tiny"]),
         (("evaluate", "ti"), ["tiny-lbp", "tiny-lbp/1", *ALIASES]),
-        (("train", "tiny", "--preset", ""), ["thesis", "plain", "water", "best"]),
+        (("train", "tiny", "--preset", "l"), ["lite", "lite_water"]),
         (("train", "tiny", "--preset", "=", "w"), ["water"]),
         (("run", "--policy", "d"), ["disparity"]),
         (("run", "--calibration", ""), [""]),

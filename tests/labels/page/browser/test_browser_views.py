@@ -487,7 +487,8 @@ def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
         "() => [...document.querySelectorAll('.thumb-number')].map((one) => one.textContent)"
         ".join() === '5,6,7,8' && !document.querySelector('.thumb.loading')"
     )
-    assert page.locator(".overview button.main").get_attribute("aria-disabled") == "true"
+    # It may be drawn once more after the pictures have come.
+    page.wait_for_selector(".overview button.main[aria-disabled='true']")
     page.keyboard.press("o")
     toast(page, "now ocean")
     saved(page)
