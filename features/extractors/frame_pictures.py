@@ -1,6 +1,5 @@
 """The pictures that extractors look at, each prepared once a frame."""
 
-import math
 from collections.abc import Callable, Collection, Hashable
 from functools import cached_property, lru_cache
 from threading import RLock
@@ -18,9 +17,13 @@ from tokt.features.kernels.quantization import STEPS_PER_LEVEL, Quantization
 from .cielab import lab_of
 
 
+def _of_a_camera(height: int, width: int) -> bool:
+    return 1 <= height * width <= MAX_PICTURE
+
+
 def _picture_size(frame: U8, grid: Grid) -> tuple[int, int]:
     height, width = grid.resized(*frame.shape[:2])
-    if not 1 <= height * width <= MAX_PICTURE:
+    if not _of_a_camera(height, width):
         raise ValueError(f"a frame of {frame.shape} becomes {width}x{height} pixels in grid {grid}")
     return height, width
 
@@ -98,6 +101,7 @@ class SharedPictures:
     `rounded`      360              flow, sediment, the watch for marks that never move
     `picture`      the grid's, 360  texture models, by their specs' images; a named object
     `colours`      as it is         texture models that look at colours
+    `halved`       half of those    texture models, by their specs' half
     summed area    the grid's, 360  whatever makes a `picture` but the plain one
     =============  ===============  ========================================================
 
@@ -146,7 +150,7 @@ class FramePictures:
     @property
     def of_a_camera(self) -> bool:
         """Whether the frame has a camera's shape: a strip would have no rows, or too many."""
-        return 1 <= math.prod(self.grid.resized(*self.frame.shape[:2])) <= MAX_PICTURE
+        return _of_a_camera(*self.grid.resized(*self.frame.shape[:2]))
 
     def picture(self, image: Quantization | None) -> U8:
         """The picture a spec's ``image`` describes, uint8; None is the plain one."""
@@ -212,7 +216,7 @@ class FramePictures:
         A patch has cells x cells parts, each of one frame pixel at least: (grid.rows * cells,
         grid.cols * cells, channels).
         """
-        grid, (height, width) = self.grid, self.size
+        grid, (height, width) = self.grid, _picture_size(self.frame, self.grid)
         patch_height, patch_width = grid.patch_size(height, width)
         tall, wide = self.frame.shape[:2]
         rows = _box_ends(tall, patch_height * grid.rows, height, grid.rows * cells)
@@ -248,9 +252,10 @@ def _without_last(count: int, side: int) -> I64:
 
 
 class HalvedPictures(FramePictures):
-    """Quantized pictures of half the width and height, whose patches are those of the whole one.
+    """Pictures of half the width and height, whose patches are those of the whole ones.
 
-    There is no plain one: a spec says with ``half`` which textures are looked for in these.
+    Colours are the whole frame's: they are means over parts of a patch as it is. It keeps no
+    reference to the whole ones, which keep it.
     """
 
     def __init__(self, whole: FramePictures) -> None:
@@ -262,6 +267,10 @@ class HalvedPictures(FramePictures):
         """Height and width of the pictures in pixels."""
         height, width = self._gray16.shape
         return height, width
+
+    def picture(self, image: Quantization | None) -> U8:
+        """As of the whole ones; the plain one is `gray16` in whole grey levels."""
+        return self.rounded if image is None else super().picture(image)
 
     @property
     def gray16(self) -> U16:

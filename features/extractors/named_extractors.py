@@ -21,10 +21,10 @@ _STROKES = Quantization(gain=24, smooth=3, window=31, by=FRAME)
 _SHAPES = Lbp(8, 13, "frame", _PATTERNS, NEAREST)
 _FINE_LINES = Lines((2, 4), replace(_STROKES, smooth=1))
 _GRADIENTS = Gradients((1, 3, 5, 9))
-# At half the width; chosen as CHOSEN_ON of the presets says.
-_HALF_LINES = Half(Lines((2, 4, 8, 16), replace(_STROKES, smooth=1, window=15)))
-_HALF_SHAPES = Half(Lbp(8, 6, "frame", replace(_PATTERNS, smooth=3, window=31), NEAREST))
-_HALF_GRADIENTS = Half(Gradients((1, 3)))
+# For half the width; chosen as CHOSEN_ON of the presets says.
+_LITE_LINES = Lines((2, 4, 8, 16), replace(_STROKES, smooth=1, window=15))
+_LITE_SHAPES = Lbp(8, 6, "frame", replace(_PATTERNS, smooth=3, window=31), NEAREST)
+_LITE_GRADIENTS = Gradients((1, 3))
 NAMED: dict[str, Extractor] = {
     "lbp": Lbp(10, 5, "patch"),
     "lbp_10_5": Lbp(10, 5, "patch"),
@@ -45,10 +45,12 @@ NAMED: dict[str, Extractor] = {
     "water_gray": Join(
         [Context(Relative([_GRADIENTS, _SHAPES, _FINE_LINES], 0.3), "mean"), PatchPlace()]
     ),
-    "lite": Context(_HALF_LINES, "mean"),
-    "lite_water": WaterContrast([_HALF_GRADIENTS, Colour(3, gray=True), _HALF_SHAPES], 0.3, 3),
-    "lite_water_gray": Join(
-        [Context(Relative([_HALF_GRADIENTS, _HALF_SHAPES], 0.3), "mean"), PatchPlace()]
+    "lite": Half(Context(_LITE_LINES, "mean")),
+    "lite_water": Half(
+        WaterContrast([_LITE_GRADIENTS, Colour(3, gray=True), _LITE_SHAPES], 0.3, 3)
+    ),
+    "lite_water_gray": Half(
+        Join([Context(Relative([_LITE_GRADIENTS, _LITE_SHAPES], 0.3), "mean"), PatchPlace()])
     ),
     "lbp_8_1": Lbp(8, 1, "patch"),
     "lbp_8_2": Lbp(8, 2, "patch"),

@@ -84,23 +84,6 @@ def _join_from(spec: Spec, outer: Outer) -> Join:
     return Join([_built(part, outer | {"join"}) for part in parts])
 
 
-_AT_HALF_WIDTH = ("lbp", "haralick", "moments", "structure", "lines", "gradients", "join")
-
-
-def _half_from(spec: Spec, outer: Outer) -> Half:
-    part = _built(spec["part"], outer | {"half"})
-    names = {each["name"] for each in _with_parts(part.spec)}
-    if not names.issubset(_AT_HALF_WIDTH) or None in part.images:
-        raise ToktError(
-            f"half: its part is one of {', '.join(_AT_HALF_WIDTH)}, with no plain image"
-        )
-    return Half(part)
-
-
-def _with_parts(spec: Spec) -> list[Spec]:
-    return [spec, *(inner for part in spec.get("parts", ()) for inner in _with_parts(part))]
-
-
 MAX_SMOOTH, MAX_CELLS = 15, 32
 
 
@@ -164,7 +147,7 @@ _BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Extractor], set[str
     "water_contrast": {1: (_water_contrast_from, {"parts", "quietest", "cells"})},
     "context": {1: (_context_from, {"part", "statistic"})},
     "join": {1: (_join_from, {"parts"})},
-    "half": {1: (_half_from, {"part"})},
+    "half": {1: (lambda spec, outer: Half(_built(spec["part"], outer | {"half"})), {"part"})},
 }
 
 

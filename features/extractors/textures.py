@@ -321,24 +321,21 @@ class Join(Extractor):
 
 
 class Half(Extractor):
-    """A part that looks at the frame at half the width and height: a quarter of the work.
-
-    Parameters
-    ----------
-    part : Extractor
-        It looks at no plain picture and no colours.
-    """
+    """A part that looks at the frame at half the width and height: a quarter of the work."""
 
     images = ()
 
     def __init__(self, part: Extractor) -> None:
-        if None in part.images:
-            raise ValueError("half: its part looks at the plain picture")
         self.part = part
         self.dim = part.dim
         self.names = tuple(f"half.{name}" for name in part.names)
+        self.needs_colour = part.needs_colour
         self.energies = part.energies
         self._spec = {"name": "half", "version": SPEC_VERSION, "part": part.spec}
+
+    def is_gray(self, features: F64, *, of_4_bits: bool = False) -> Bools:
+        """As the part tells."""
+        return self.part.is_gray(features, of_4_bits=of_4_bits)
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """The part's features of the pictures at half the width."""

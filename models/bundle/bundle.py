@@ -363,17 +363,20 @@ def frame_id(digest: str) -> np.uint64:
 
 def weights_bytes(model: LinearModel) -> bytes:
     """The ``weights.npz`` member."""
-    mapped = {} if model.map is None else {name: getattr(model.map, name) for name in _MAP}
+    mapped = {} if model.map is None else _fields_of(model.map)
     arrays = {"weights": model.weights, "bias": model.bias, "thresholds": model.thresholds}
     return npz_bytes(**arrays, **{name: np.asarray(value) for name, value in mapped.items()})
 
 
 def distribution_bytes(distribution: Distribution) -> bytes:
     """The ``distribution.npz`` member."""
-    held = {each.name: getattr(distribution, each.name) for each in fields(Distribution)}
-    return npz_bytes(
-        **{name: np.asarray(value, _DISTRIBUTED[name]) for name, value in held.items()}
-    )
+    values = _fields_of(distribution).items()
+    return npz_bytes(**{name: np.asarray(value, _DISTRIBUTED[name]) for name, value in values})
+
+
+def _fields_of(held: NystroemMap | Distribution) -> dict[str, Any]:
+    """Its fields alone, without what it has computed of them since."""
+    return {each.name: getattr(held, each.name) for each in fields(held)}
 
 
 def classes_json(model: LinearModel) -> list[dict[str, Any]]:

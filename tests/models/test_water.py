@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 
 from tests.calls import refuses
 from tests.tiers import scaled
@@ -48,6 +49,47 @@ def test_faint_obstacles_bring_the_boundary_down():
     faint = np.concatenate([frame(-3.7, 0.0, 0.3, seed, 1.2) for seed in range(5)])
     assert LOOSE.boundary(faint) < -1.0
     assert dataclasses.replace(LOOSE, rounds=6).boundary(faint) > LOOSE.boundary(faint)
+
+
+def by_the_formulas(prior, scores):
+    """The boundary by EM as its paper has it: responsibilities, then moments of each side."""
+    names = ("water", "obstacle")
+    before = [norm(getattr(prior, name), getattr(prior, f"{name}_sd")) for name in names]
+    sides, share = before, prior.share
+    for _ in range(prior.rounds):
+        logs = likelihoods(sides, share, scores)
+        parts = [np.exp(log - np.logaddexp(*logs)) for log in logs]
+        sides = [anew(prior, *pair, scores) for pair in zip(before, parts, strict=True)]
+        share = (parts[1].sum() + prior.weight * prior.share) / (len(scores) + prior.weight)
+    at = np.arange(-round(prior.limit * 100), round(prior.limit * 100) + 1) / 100
+    water, obstacle = likelihoods(sides, share, at)
+    beyond = at[(water < obstacle) & (at >= sides[0].mean())]
+    return beyond[0] if len(beyond) else at[-1]
+
+
+def likelihoods(sides, share, scores):
+    pairs = zip(sides, (1 - share, share), strict=True)
+    return [side.logpdf(scores) + np.log(part) for side, part in pairs]
+
+
+def anew(prior, before, part, scores):
+    mean = (part @ scores + prior.weight * before.mean()) / (part.sum() + prior.weight)
+    squares = part @ (scores - mean) ** 2 + prior.sd_weight * before.var()
+    return norm(mean, np.sqrt(squares / (part.sum() + prior.sd_weight)))
+
+
+@settings(deadline=None, max_examples=scaled(60))
+@given(
+    st.floats(-5, 3),
+    st.floats(0, 6),
+    st.floats(0, 1),
+    st.integers(0, 1000),
+    st.sampled_from([PRIOR, LOOSE, replace(LOOSE, limit=4.0, share=0.05)]),
+)
+def test_the_boundary_is_that_of_the_formulas(water, apart, share, seed, prior):
+    scores = frame(water, water + apart, share, seed, spread=0.7)
+    # One step of 0.01 beside, where a last digit decides.
+    assert abs(prior.boundary(scores) - by_the_formulas(prior, scores)) < 0.011
 
 
 @pytest.mark.parametrize("rounds", [0, -1, 101, 10**9, 6.0, True, None])

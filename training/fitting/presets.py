@@ -132,19 +132,14 @@ DEFAULT_EXTRACTOR = "haralick"
 # What `tokt search` found on the sea-trial mission: the simplest within 0.01 of the best.
 _SHAPES = "lbp_flat_8_5+lbp_flat_8_9+lbp_flat_8_13+lines+lines_fine"
 _BEST = {"lbp": _SHAPES, "haralick": f"haralick_flat+{_SHAPES}"}
-OF_WHOLE_FRAMES = {
-    # Of colour frames and of gray ones.
-    "water": ("water", "water_gray"),
-    "lite": ("lite", "lite"),
-    "lite_water": ("lite_water", "lite_water_gray"),
-}
+WITHOUT_COLOURS = ("water", "lite_water")
+"""Presets with another extractor for frames that are all gray."""
+_OF_WHOLE_FRAMES = (*WITHOUT_COLOURS, "lite")
+_OF_SEVERAL_DIVES = {"best": "water", "lite": "lite_water"}
 _BEST_READY_CUT = (
     "lbp_8_1+lbp_8_2+lbp_12_3+lbp_10_5+lbp_24_8+haralick_log+haralick_log_64+haralick_log_16"
     "+lines+structure_3+structure_7+structure_11"
 )
-
-
-_OF_SEVERAL_DIVES = {"best": "water", "lite": "lite_water"}
 
 
 def preset_for(preset: str, dataset: DatasetVersion) -> str:
@@ -223,11 +218,10 @@ def extractor_for(
     ``lite_water`` what ``water`` has without lines, at half the width but for the colours.
     ``thesis`` leaves grey level 0 out of Haralick's counts, as the thesis does.
     """
-    if preset in OF_WHOLE_FRAMES and name in _BEST:
+    if preset in _OF_WHOLE_FRAMES and name in _BEST:
         if _ready_cut(grid):
             raise ToktError(f"preset {preset} needs whole frames, and these patches are ready-cut")
-        of_colour, of_gray = OF_WHOLE_FRAMES[preset]
-        return extractor_named(of_gray if gray else of_colour)
+        return extractor_named(f"{preset}_gray" if gray and preset in WITHOUT_COLOURS else preset)
     if preset == "best" and name in _BEST:
         return extractor_named(_BEST_READY_CUT if _ready_cut(grid) else _BEST[name])
     if preset == "thesis" and name == "haralick":

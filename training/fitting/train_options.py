@@ -22,7 +22,7 @@ from tokt.training.options import PathOrText, at_least, takes, texts
 from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget
 from .presets import (
     DEFAULT_EXTRACTOR,
-    OF_WHOLE_FRAMES,
+    WITHOUT_COLOURS,
     TrainingSettings,
     extractor_for,
     preset_for,
@@ -169,7 +169,7 @@ def train(options: TrainOptions, *, progress: Progress = no_progress) -> Trained
             "--least-patches or --frame-rule"
         )
     named = options.extractor or DEFAULT_EXTRACTOR
-    gray = settings.preset in OF_WHOLE_FRAMES and data.is_gray
+    gray = settings.preset in WITHOUT_COLOURS and data.is_gray
     chosen = extractor_for(named, settings.preset, data.grid, gray)
     name = options.name or f"{data.name}-{_file_name(named)}"
     check_model_name(name)

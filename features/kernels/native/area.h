@@ -110,8 +110,8 @@ typedef struct {
     for (int lane = 0; lane < AREA_LANES; lane++) (sum).of[lane] += (factor) * (uint32_t)(at)[lane]
 #endif
 
-/* The same of a BGR frame. What is needed next of the frame, the rows of the picture's row `next`, is
- * asked for meanwhile, a cache line a pixel: memory delivers while columns are added up. */
+/* The same of a BGR frame. The rows of the picture's row `next` are asked for meanwhile, a cache
+ * line a pixel: memory delivers while columns are added up. */
 TOKT_BODY void area_add_colours(const AreaFrame *frame, const AreaTables *tables, int next,
                                 const int32_t *sums, uint32_t *TOKT_RESTRICT out) {
     const AreaTable *columns = &tables->columns;

@@ -48,7 +48,7 @@ OF_A_MODEL = ("quantize", "haralick", "lbp", "lines", "features", "decision")
 
 @needs_valgrind
 @pytest.mark.skipif(KERNELS.name != COMPILED, reason="it is the compiled kernels that are stored")
-def test_a_lite_model_takes_a_third_of_the_instructions_of_the_best(tmp_path):
+def test_what_is_a_lite_models_own_takes_a_third_of_that_of_the_best(tmp_path):
     out = ("--json", "--out", tmp_path / "out")
     lite = table(json.loads(succeeds("bench", "--count", "--preset", "lite", *out).out))
     best = json.loads(STORED.read_text("utf-8"))

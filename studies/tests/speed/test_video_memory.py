@@ -9,7 +9,7 @@ from tokt_studies.speed.video_memory import FRAMES, can_be_measured, measure_vid
 
 CEILING_MB = 110
 """What all processes of a run together may allocate, with preset best and frames of 1360x1024. With
-the pages of programs and libraries that are used, 40 MB at most, that is 150 MB."""
+the pages of programs and libraries that are used, 37 MB at most, that is 150 MB."""
 
 
 @pytest.mark.skipif(not can_be_measured(), reason="Linux, and apt-get install ffmpeg")

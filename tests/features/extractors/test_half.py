@@ -1,5 +1,8 @@
 """Textures at half the width: the same features, of means of 2x2 pixels within each patch."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +12,7 @@ from tests.calls import refuses
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.extractors.spec import build_extractor, extractor_summary
 from tokt.features.extractors.textures import NEAREST, Half, Join, Lbp, Lines
-from tokt.features.extractors.water import Gradients, Relative
+from tokt.features.extractors.water import Colour, Gradients, PatchPlace, Relative
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import Quantization
@@ -70,21 +73,32 @@ def test_a_part_is_built_from_its_spec_and_may_stand_in_others():
     assert extractor_summary(Half(PART).spec).endswith("at half the width")
 
 
-@pytest.mark.parametrize(
-    "part",
-    [
-        {"name": "colour", "version": 1, "cells": 3},
-        {"name": "place", "version": 1},
-        half(Gradients((1,)).spec),
-        Lbp(8, 1, "patch").spec,
-        Join([Lbp(8, 1, "patch"), Gradients((1,))]).spec,
-        Relative([Gradients((1,))], 0.3).spec,
-    ],
-)
-def test_what_cannot_be_looked_for_at_half_the_width_is_refused(part):
-    refuses("half", build_extractor, half(part))
+def test_plain_pictures_are_the_means_in_whole_levels():
+    frame, grid, plain = some_frame(280, 360), Grid(10, 10), Lbp(8, 1, "patch")
+    gray16 = KERNELS.resized_gray16(frame, 280, 360)
+    means = gray16.reshape(140, 2, 180, 2).mean(axis=(1, 3))
+    levels = np.floor(np.floor(means + 0.5) / 256 + 0.5).astype(np.uint8)
+    counts = KERNELS.lbp_counts(levels, grid, 8, 1, "patch")
+    assert np.array_equal(Half(plain).describe(frame, grid), counts / (14.0 * 18))
 
 
-def test_a_part_of_the_plain_picture_is_refused():
-    with pytest.raises(ValueError, match="plain picture"):
-        Half(Lbp(8, 1, "patch"))
+@pytest.mark.parametrize("part", [Colour(6), PatchPlace()])
+def test_colours_and_places_are_the_whole_frames(part):
+    frame, grid = some_frame(305, 360), Grid(10, 10)
+    assert np.array_equal(Half(part).describe(frame, grid), part.describe(frame, grid))
+    assert Half(part).needs_colour == part.needs_colour
+
+
+def test_halves_of_halves_are_refused():
+    refuses("half", build_extractor, half(half(Gradients((1,)).spec)))
+
+
+def test_pictures_go_with_the_frame_that_they_were_made_of():
+    frame = some_frame(90, 120)
+    gc.disable()
+    try:
+        known = weakref.ref(pictures := FramePictures(frame, Grid(3, 4, 60)).halved)
+        del pictures
+        assert known() is None
+    finally:
+        gc.enable()

@@ -1,6 +1,6 @@
 """The memory that a run with video in allocates: all of its processes together, at its peak.
 
-Pages of programs and libraries come on top: 25 to 40 MB (10**6 bytes) are used after the first
+Pages of programs and libraries come on top: 12 to 37 MB (10**6 bytes) are used after the first
 verdict. They are not counted, as the system keeps more or fewer pages around the used ones (50 to
 85 MB of the same run, by the version of Linux), and drops them where memory is short. Processes are
 looked at every `_LOOK_S`, so that a peak of some milliseconds may be missed. Linux only.
