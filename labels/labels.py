@@ -1,12 +1,14 @@
 """Labels: the records of a label file or of a label store, as one object."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from tokt.features.common.errors import ToktError, counted
 from tokt.features.common.extras import needed_by
+from tokt.features.common.names import same_text
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import LEFT, open_mission
 
@@ -38,6 +40,8 @@ class Labels:
     taxonomy: Taxonomy = field(default_factory=Taxonomy.load)  # the classes there may be
     format: str = ""  # of the file that they were read from; empty for a store's
     lost: tuple[str, ...] = ()  # what of the file could not be taken over, a line each
+    # The annotator that was taken from the file's name, as nothing else says who labelled.
+    assumed: str = ""
 
     @classmethod
     def read(
@@ -49,6 +53,7 @@ class Labels:
         grid: Grid | str = "10x10@360",
         mission_dir: str | Path | None = None,
         mission: str | None = None,
+        folder: str | None = None,
         camera: str = LEFT,
         classes: Mapping[str, str] | None = None,
         taxonomy: str | Path | None = None,
@@ -63,8 +68,9 @@ class Labels:
             Its format; by default told by ending and content.
         annotator, grid, camera
             Who labelled, the grid of boxes and the camera, where the file does not say.
-        mission_dir, mission
-            Folder of the mission's frames, which all formats but CSV need; the mission's name.
+        mission_dir, mission, folder
+            Folder of the mission's frames, which all formats but CSV need; the mission's name; what
+            the file calls the folder, where that is another name than these.
         classes : mapping, optional
             The file's name of a class to ours; to an empty string for a class to leave out.
         taxonomy, workspace
@@ -77,10 +83,11 @@ class Labels:
         """
         known = load_taxonomy(Path(workspace), Path(taxonomy) if taxonomy else None)
         chosen = format_named(format) if format else format_to_read(Path(file))
-        cells, images = Grid.parse(str(grid)), images_in(mission_dir, mission)
+        cells, images = Grid.parse(str(grid)), images_in(mission_dir, mission, folder)
         options = ReadOptions(known, annotator, cells, images, classes or {}, camera)
         read = FORMATS[chosen].read(Path(file), options)
-        return cls(tuple(read.records), known, chosen, tuple(read.lost))
+        named_by = assumed_annotator(Path(file), annotator, read.records)
+        return cls(tuple(read.records), known, chosen, tuple(read.lost), named_by)
 
     @classmethod
     def stored(cls, workspace: str | Path = ".tokt", **wanted: str) -> Self:
@@ -114,8 +121,12 @@ class Labels:
         return pd.DataFrame(rows, columns=[*LabelRecord.__match_args__])
 
     def add_to(self, workspace: str | Path, progress: Progress = no_progress) -> AddResult:
-        """Add them to a workspace's label store, which is made where there is none."""
+        """Add them to a workspace's label store, which is made where there is none.
+
+        ToktError as `refuse_to_replace`.
+        """
         with LabelStore(Path(workspace) / FILE_NAME) as store:
+            refuse_to_replace(store, self.records, self.assumed)
             return store.add_counted(progress(self.records, len(self), "import"))
 
     def write(
@@ -140,6 +151,29 @@ class Labels:
         return FORMATS[chosen].write(Path(file), records, options).lost
 
 
-def images_in(mission_dir: str | Path | None, name: str | None) -> MissionImages | None:
+def images_in(
+    mission_dir: str | Path | None, name: str | None, folder: str | None = None
+) -> MissionImages | None:
     """The frames of a mission's folder, under the name that labels give it."""
-    return None if mission_dir is None else MissionImages(open_mission(mission_dir), name)
+    return None if mission_dir is None else MissionImages(open_mission(mission_dir), name, folder)
+
+
+def assumed_annotator(file: Path, given: str | None, records: Iterable[LabelRecord]) -> str:
+    """The file's name, where labels by people carry it as nothing else says who labelled."""
+    by = same_text(file.stem)
+    people = (one for one in records if one.source == HUMAN)
+    return by if given is None and any(one.annotator == by for one in people) else ""
+
+
+def refuse_to_replace(store: LabelStore, records: Iterable[LabelRecord], assumed: str) -> None:
+    """Refuse labels of an assumed annotator that would replace others: who labelled is not known.
+
+    Tools give the files of all people one name. ToktError tells how to say who labelled.
+    """
+    mine = [one for one in records if one.annotator == assumed and one.source == HUMAN]
+    changed = store.add_counted(mine, dry=True).changed if assumed else 0
+    if changed:
+        raise ToktError(
+            f"{counted(changed, 'patch')} would change that {assumed!r} labelled, and the file does"
+            " not say who made it: give --annotator NAME, the same name if it is the same person"
+        )

@@ -6,12 +6,14 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from tokt.features.common.errors import ToktError
+from tokt.features.common.names import same_text
 from tokt.features.frames.grid import Grid
 
 HUMAN, MODEL, SETTLED = "human", "model", "settled"
 SOURCES = (HUMAN, MODEL, SETTLED)
 _CAMERAS = ("left", "right")
 _LAST_FRAME = 2**31 - 1
+_LONGEST_NAME = 255  # characters: no file's or folder's name is longer
 
 
 class NoLabelsError(ToktError):
@@ -62,6 +64,9 @@ class LabelRecord:
     blind: bool = False  # whether the annotator saw nobody else's labels, and no suggestion
 
     def __post_init__(self) -> None:
+        if not (self.mission.isascii() and self.annotator.isascii()):
+            object.__setattr__(self, "mission", same_text(self.mission))
+            object.__setattr__(self, "annotator", same_text(self.annotator))
         check_name("mission", self.mission)
         check_name("annotator", self.annotator)
         if self.model_version is not None:
@@ -86,7 +91,9 @@ class LabelRecord:
 
 
 def check_name(what: str, value: str) -> None:
-    """Refuse a name that no file keeps as it is: empty, not trimmed or not printable."""
+    """Refuse a name that no file keeps as it is: empty, long, not trimmed or not printable."""
+    if len(value) > _LONGEST_NAME:
+        raise ToktError(f"{what} {value[:20]!r}... has {len(value)} characters, of {_LONGEST_NAME}")
     if not value or not value.isprintable() or value != value.strip():
         raise ToktError(f"{what} {value!r} is empty or has blanks around it or unprintable signs")
 

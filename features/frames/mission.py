@@ -11,6 +11,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, os_errors_as
+from tokt.features.common.names import same_text
 
 from .image_file import SUFFIXES, check_bits, decode_image
 from .view_mask import CameraMasks, read_masks
@@ -81,7 +82,7 @@ def open_mission(path: Path | str, name: str | None = None) -> Mission:
         mission = FolderMission(path)
     else:
         raise ToktError(f"mission {path} does not exist")
-    mission.name = name or given or mission.name
+    mission.name = same_text(name or given or mission.name)
     return mission
 
 

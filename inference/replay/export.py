@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 
 from tokt.features.common.atomic import new_file
 from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.spreadsheet import guarded
 from tokt.inference.recording.log import LogGap
 from tokt.inference.report import FIELDS
 
@@ -23,7 +24,6 @@ from .logged_run import kind_of, logged_lines
 from .mcap_file import Exported, said_at, write_mcap
 
 CSV, MCAP = ".csv", ".mcap"
-_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "'")
 
 
 def export_log(
@@ -96,5 +96,5 @@ def _cell(value: Any) -> str:
     if value is None:
         return ""
     if isinstance(value, str):
-        return f"'{value}" if value.startswith(_FORMULA) else value
+        return guarded(value)
     return json.dumps(value)

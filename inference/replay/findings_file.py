@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tokt.features.common.atomic import write_text
 from tokt.features.common.errors import os_errors_as
+from tokt.features.common.spreadsheet import guarded
 
 from .findings import InspectionFinding
 
@@ -39,5 +40,6 @@ def _table(findings: Sequence[InspectionFinding]) -> str:
     for number, found in enumerate(findings, 1):
         values = {name: getattr(found, name) for name in names}
         values["patches"] = " ".join(map(str, found.patches))
-        rows.writerow([number, *values.values()])
+        cells = (guarded(value) if isinstance(value, str) else value for value in values.values())
+        rows.writerow([number, *cells])
     return text.getvalue()

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import naming
 from tokt.labels.taxonomy import UNSURE
 
 from .box_attributes import carried_text, size_in, text_to_carry
@@ -63,8 +62,8 @@ def boxes(rows: Rows, options: ReadOptions, who: str, remarks: Remarks) -> Itera
 
     A class is mapped by its name or its hierarchy, or by that of a label above it.
     """
-    for where, row in by_name(rows, _NEEDED):
-        with naming(where):
+    for where, row in by_name(rows, _NEEDED, (*COLUMNS, "tokt"), remarks):
+        with remarks.entry(where):
             numbers = finite_list(carried_text(row["points"]), "points")
             shape = known_shape(row["shape_name"], numbers, remarks)
             if shape:
@@ -75,6 +74,7 @@ def boxes(rows: Rows, options: ReadOptions, who: str, remarks: Remarks) -> Itera
                     carried_text(row.get("tokt")),
                     size_in(image if isinstance(image, dict) else {}, "attributes"),
                     utc_time(row.get("created_at")),
+                    image_id=f"image {image_id}" if (image_id := row.get("image_id")) else "",
                 )
 
 

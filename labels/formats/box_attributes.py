@@ -17,7 +17,7 @@ from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_now, utc_text
 
 from .boxes import Size
 from .options import label_of
-from .text_file import whole
+from .text_file import finite, whole
 
 FORMAT = 1
 """Format of the attributes. Raise it when an older `tokt` would misread newer ones."""
@@ -26,6 +26,9 @@ _PREFIX = "tokt_"
 _MARK = f"{_PREFIX}format"
 _SIZE = f"{_PREFIX}size"
 _SIZE_TEXT = re.compile(r"(\d{1,6})x(\d{1,6})")
+_ROTATION, _VERIFIED = "rotation", "verified"
+READ = frozenset({_ROTATION, _VERIFIED, _ROTATION.capitalize(), _VERIFIED.capitalize()})
+"""Attributes of other tools that are looked at."""
 _UNSAID = {"source": HUMAN, "model_version": None, "blind": False}  # nothing is written of these
 
 
@@ -93,6 +96,26 @@ def from_attributes(attributes: Any) -> LabelRecord | None:
         model_version=None if value("model_version") is None else text("model_version"),
         blind=value("blind") == "yes",
     )
+
+
+def is_turned(attributes: Any) -> bool:
+    """Tell whether attributes say that the box is turned, as those of CVAT and DIVE do.
+
+    ToktError if the angle is no number.
+    """
+    return bool(finite(_said(attributes, _ROTATION) or 0, _ROTATION))
+
+
+def is_unverified(attributes: Any) -> bool:
+    """Tell whether attributes say that no person looked at what a model said."""
+    return str(_said(attributes, _VERIFIED)).strip().lower() in ("false", "0", "no")
+
+
+def _said(attributes: Any, name: str) -> Any:
+    """An attribute by its name, in small letters or with a large first one."""
+    if not isinstance(attributes, Mapping):
+        return None
+    return attributes.get(name, attributes.get(name.capitalize()))
 
 
 def size_in(holder: Any, where: str) -> Size | None:

@@ -20,6 +20,7 @@ HALF = 0.5
 _MAX_SIDE_PX = 100_000
 _MAX_PATCHES = 1_000_000  # a file may name any grid, and this one fills no memory
 _ROUNDING_PX = 1.0  # what other tools round a coordinate by
+_OVER_THE_EDGE = 0.1  # of the frame's width or height
 _EPSILON = 1e-9
 _FAR_PX = 1e7  # a corner beyond is no nearer to any frame
 _SUBPIXEL_BITS = 4
@@ -35,6 +36,19 @@ class Size(NamedTuple):
 
     height: int
     width: int
+
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height}"
+
+    def is_like(self, other: Size) -> bool:
+        """Tell whether one is the other scaled, but for rounding to whole pixels."""
+        if min(*self, *other) < 1:
+            return False
+        small, large = sorted((self, other))
+        down, across = large.height / small.height, large.width / small.width
+        # A side of the small one may be rounded by half a pixel, a side of the large one too.
+        slack = (0.5 * down + 0.5) / small.height + (0.5 * across + 0.5) / small.width
+        return abs(down - across) <= slack
 
 
 class Box(NamedTuple):
@@ -76,6 +90,13 @@ class Shape(NamedTuple):
         x0, y0, x1, y1 = self.box
         return self.noun != "point" and (x1 <= x0 or y1 <= y0)
 
+    def scaled(self, size: Size, to: Size) -> Shape:
+        """The same shape of a picture of another size; width and height may differ by rounding."""
+        across, down = to.width / size.width, to.height / size.height
+        x0, y0, x1, y1 = self.box
+        outline = tuple((x * across, y * down) for x, y in self.outline)
+        return Shape(Box(x0 * across, y0 * down, x1 * across, y1 * down), outline)
+
     def patches(self, grid: Grid, size: Size) -> list[tuple[int, int, float]]:
         """Row, column and covered share of the patches in it; a point covers nothing of its one."""
         if self.noun == "point":
@@ -84,6 +105,18 @@ class Shape(NamedTuple):
         if self.outline:
             return patches_in_outline(grid, size, self.outline)
         return patches_in_box(grid, size, self.box)
+
+    def is_beyond(self, size: Size) -> bool:
+        """Tell whether it lies so far out of a frame of that size that it was drawn on a larger one.
+
+        A point may lie on the edge; boxes may be moved over it by a tenth of the frame.
+        """
+        slack = _ROUNDING_PX if self.noun == "point" else None
+        across, down = (slack or _OVER_THE_EDGE * side for side in (size.width, size.height))
+        x0, y0, x1, y1 = self.box
+        return (
+            min(x0 + across, y0 + down) < 0 or x1 > size.width + across or y1 > size.height + down
+        )
 
     def is_of_patch(self, grid: Grid, size: Size, row: int, col: int) -> bool:
         """Whether it is the patch's box, or a point in it."""

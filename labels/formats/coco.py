@@ -9,16 +9,24 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError, naming
+from tokt.features.common.errors import ToktError
 from tokt.labels.taxonomy import Taxonomy
 
-from .box_attributes import size_in, to_attributes
+from .box_attributes import READ, size_in, to_attributes
 from .boxes import Box, Shape
 from .labels_and_boxes import FoundBox, FrameLabels
 from .options import ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import finite, finite_list, objects, of_kind, save_json, whole
+from .text_file import finite, finite_list, listed, objects, of_kind, save_json, whole
 
 TITLE = "COCO"
+
+_OF_DIVE = "dive_detection_attributes"
+_ANNOTATION_FIELDS = frozenset(
+    [
+        *("id", "image_id", "category_id", "bbox", "area", "iscrowd", "segmentation", "score"),
+        *("attributes", _OF_DIVE, *READ),
+    ]
+)
 
 
 def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: Remarks) -> int:
@@ -80,15 +88,18 @@ def boxes(content: Any, options: ReadOptions, who: str, remarks: Remarks) -> Ite
         key: of_kind(category.get("name"), str, f"category {key}: name")
         for key, category in _by_id(document, "categories").items()
     }
-    for where, annotation in objects(document.get("annotations"), "annotations", "annotation"):
-        if annotation.get("iscrowd"):
-            remarks["annotation", "left out: of a crowd"] += 1
-            continue
-        if "bbox" not in annotation:
-            remarks["annotation", "left out: without a box"] += 1
-            continue
-        with naming(where):
-            image = images.get(whole(annotation.get("image_id"), "image_id"))
+    for where, entry in listed(document.get("annotations"), "annotations", "annotation"):
+        with remarks.entry(where):
+            annotation = of_kind(entry, dict, "it")
+            remarks.pass_over(annotation, _ANNOTATION_FIELDS)
+            if annotation.get("iscrowd"):
+                remarks["annotation", "left out: of a crowd"] += 1
+                continue
+            if "bbox" not in annotation:
+                remarks["annotation", "left out: without a box"] += 1
+                continue
+            image_id = whole(annotation.get("image_id"), "image_id")
+            image = images.get(image_id)
             name = names.get(whole(annotation.get("category_id"), "category_id"))
             if image is None or name is None:
                 what = "image" if image is None else "category"
@@ -101,9 +112,10 @@ def boxes(content: Any, options: ReadOptions, who: str, remarks: Remarks) -> Ite
                 _shape(annotation["bbox"]),
                 name,
                 who,
-                annotation.get("attributes"),
+                _attributes(annotation),
                 size_in(image, "image"),
                 model_version=who if finite(annotation.get("score", 1), "score") < 1 else None,
+                image_id=f"image {image_id}",
             )
 
 
@@ -114,6 +126,14 @@ def _by_id(document: dict[str, Any], name: str) -> dict[int, dict[str, Any]]:
         if key in found:
             raise ToktError(f"{where}: id {key} is there twice")
         found[key] = entry
+    return found
+
+
+def _attributes(annotation: dict[str, Any]) -> dict[str, Any]:
+    """What other tools say of a box, in the places that CVAT and DIVE have for it."""
+    found = {name: annotation[name] for name in READ if name in annotation}
+    for place in (annotation.get(_OF_DIVE), annotation.get("attributes")):
+        found |= place if isinstance(place, dict) else {}
     return found
 
 

@@ -30,6 +30,10 @@ TITLE = "CVAT"
 _AUTOMATIC = "auto"
 _GRAY = "#808080"
 _SIDES = ("xtl", "ytl", "xbr", "ybr")
+_SHAPES = ("box", "polygon", "points")
+_SHAPE_FIELDS = frozenset(
+    {"label", "source", "occluded", *_SIDES, "rotation", "points", "z_order", "group_id"}
+)
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -108,16 +112,19 @@ def boxes(root: Element, options: ReadOptions, who: str, remarks: Remarks) -> It
     tracks = len(root.findall("track"))
     remarks["track", "left out: export in the format CVAT for images 1.1"] += tracks
     for n, image in enumerate(root.findall("image"), 1):
-        size = size_in(image, f"image {n}")
+        name, number = image.get("name", ""), f"image {image.get('id', n)}"
         for m, element in enumerate(image, 1):
             said = {
                 entry.get("name", ""): entry.text or "" for entry in element.findall("attribute")
             }
             model = f"{TITLE} automatic" if element.get("source") == _AUTOMATIC else None
-            with naming(where := f"image {n} shape {m}"):
+            if element.tag in _SHAPES:
+                remarks.pass_over(element.keys(), _SHAPE_FIELDS)
+            with remarks.entry(where := f"image {n} shape {m}"):
+                size = size_in(image, "its image")
                 for shape in _shapes(element, remarks):
                     what = shape, element.get("label", ""), who, said, size
-                    yield FoundBox(where, image.get("name", ""), *what, model_version=model)
+                    yield FoundBox(where, name, *what, model_version=model, image_id=number)
 
 
 def _shapes(element: Element, remarks: Remarks) -> Iterator[Shape]:
@@ -126,7 +133,7 @@ def _shapes(element: Element, remarks: Remarks) -> Iterator[Shape]:
     if tag == "box" and not finite(element.get("rotation", 0), "rotation"):
         yield Shape(Box(*(finite(element.get(side), side) for side in _SIDES)))
         return
-    if tag in ("polygon", "points"):
+    if tag in _SHAPES[1:]:
         numbers = [finite(text, "points") for text in re.split("[,;]", element.get("points", ""))]
     step = 2 if tag == "points" else len(numbers) or 1
     for n in range(0, len(numbers) or 1, step):

@@ -36,7 +36,7 @@ from .labels_and_boxes import (
     labels_to_boxes,
     without_suggestions,
 )
-from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, lines
+from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions
 from .text_file import csv_rows, read_json, read_rows, read_utf8
 
 _BY_ENDING = {".xml": CVAT, **dict.fromkeys(YAML, IFDO)}
@@ -90,7 +90,7 @@ def _of_boxes(
         remarks = Remarks()
         chosen = choose(records, remarks, form.TITLE)
         frames = labels_to_boxes(chosen, options, remarks, form.TITLE)
-        return ExportResult(form.save(path, frames, options, remarks), lines(remarks))
+        return ExportResult(form.save(path, frames, options, remarks), remarks.lines())
 
     return LabelFormat(form.TITLE, read, write, ending)
 
@@ -100,7 +100,7 @@ def _read_csv(path: Path, options: ReadOptions) -> ImportResult:
     records = read_label_csv(
         *(path, options.taxonomy, options.annotator, options.grid, options.classes, remarks)
     )
-    return ImportResult(records, lines(remarks))
+    return ImportResult(records, remarks.lines())
 
 
 def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
@@ -111,7 +111,7 @@ def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions
         remarks["model version", "of confirmed suggestions (--full keeps them)"] += sum(
             record.model_version is not None for record in chosen
         )
-    return ExportResult(n, lines(remarks))
+    return ExportResult(n, remarks.lines())
 
 
 FORMATS = {
@@ -169,13 +169,12 @@ def format_to_read(path: Path) -> str:
 
 def _kind_of_csv(text: str) -> str:
     """VIAME's has no line of names, or one that begins with ``#``."""
-    first = next((line for line in text.splitlines() if line.strip()), "")
-    if first.startswith(("#", '"#')):
-        return VIAME
     try:
-        _, row = next(csv_rows(first), ("", []))
+        _, row = next(csv_rows(text), ("", [""]))
     except ToktError:
         return CSV
+    if row[0].startswith("#"):
+        return VIAME
     names = {name.strip().lower() for name in row}
     for kind, needed in ((CORALNET, {"name", "row", "column"}), (BIIGLE, {"shape_name", "points"})):
         if needed <= names:

@@ -59,7 +59,7 @@ def read_ifdo(path: Path, images: MissionImages) -> dict[FrameKey, FrameMetadata
     document = load_ifdo(path)
     found: dict[FrameKey, FrameMetadata] = {}
     for name, item in document[ITEMS].items():
-        key = images.find(name)
+        key = images.find(name).key
         if key is not None:
             with naming(f"{path}: {name!r:.100}"):
                 found[key] = _metadata({**document[HEADER], **first_entry(item)})
@@ -72,9 +72,12 @@ def load_ifdo(path: Path) -> dict[str, Any]:
     with naming(path):
         document = of_kind(content, dict, "the file")
         of_kind(document.get(HEADER), dict, HEADER)
-        for name, item in of_kind(document.get(ITEMS), dict, ITEMS).items():
+        items = of_kind(document.get(ITEMS), dict, ITEMS)
+        for name, item in items.items():
             of_kind(name, str, f"{ITEMS}: a name")
-            of_kind(first_entry(item), dict, f"{name!r:.100}")
+            if item == []:  # as BIIGLE writes a picture without annotations
+                items[name] = {}
+            of_kind(first_entry(items[name]), dict, f"{name!r:.100}")
     return document
 
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 from uuid import UUID
 
-from tokt.features.common.errors import naming
 from tokt.labels.record import LabelRecord
 
 from .box_attributes import to_attributes
@@ -23,12 +22,13 @@ from .boxes import Box, Shape
 from .frame_metadata import HEADER, ITEMS, first_entry, ifdo_of, load_ifdo
 from .labels_and_boxes import FoundBox, FrameLabels, known_shape, short_names
 from .options import ReadOptions, Remarks, WriteOptions, label_of, mission_images
-from .text_file import finite, finite_list, objects, of_kind, save_json, utc_time
+from .text_file import finite, finite_list, listed, objects, of_kind, save_json, utc_time
 
 TITLE = "iFDO"
 
 _LABELS, _CREATORS = "image-annotation-labels", "image-annotation-creators"
 _ANNOTATIONS = "image-annotations"
+_FIELDS = frozenset({"shape", "coordinates", "labels", "tokt"})
 
 
 def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: Remarks) -> int:
@@ -52,7 +52,7 @@ def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: 
     _add_names(document[HEADER], _LABELS, labels)
     _add_names(document[HEADER], _CREATORS, {record.annotator: {} for record in records})
     items = document[ITEMS]
-    known = {images.find(name): name for name in items}
+    known = {images.find(name).key: name for name in items}
     short = short_names(frames)
     for frame in frames:
         item = first_entry(items.setdefault(known.get(frame.key, short[frame.key]), {}))
@@ -87,27 +87,35 @@ def boxes(
     names, people = (_names(document[HEADER], field) for field in (_LABELS, _CREATORS))
     for image, item in document[ITEMS].items():
         place = f"{image!r:.100}"
-        said = first_entry(item).get(_ANNOTATIONS) or []
-        for where, annotation in objects(said, f"{place}: {_ANNOTATIONS}", f"{place} annotation"):
-            with naming(where):
-                shape = _shape(annotation, remarks)
-                if shape is None:
-                    continue
-                for _, label in objects(annotation.get("labels") or [], "labels", "label"):
-                    what = of_kind(label.get("label", label.get("id")), str, "label")
-                    by = of_kind(label.get("annotator") or "", str, "annotator")
-                    by = people.get(by, by) or who
-                    time = utc_time(of_kind(label.get("created-at") or "", str, "created-at"))
-                    sure = finite(label.get("confidence", 1), "confidence") >= 1
-                    found = names.get(what, what), by, annotation.get("tokt"), None, time
-                    yield FoundBox(where, image, shape, *found, None if sure else by)
+        with remarks.group(place):
+            said = first_entry(item).get(_ANNOTATIONS) or []
+            for where, entry in listed(said, _ANNOTATIONS, f"{place} annotation"):
+                with remarks.entry(where):
+                    annotation = of_kind(entry, dict, "it")
+                    remarks.pass_over(annotation, _FIELDS)
+                    shape = _shape(annotation, remarks)
+                    if shape is None:
+                        continue
+                    for _, label in objects(annotation.get("labels") or [], "labels", "label"):
+                        what = _identifier(label.get("label", label.get("id")), "label")
+                        by = _identifier(label.get("annotator") or "", "annotator")
+                        by = people.get(by, by) or who
+                        time = utc_time(of_kind(label.get("created-at") or "", str, "created-at"))
+                        sure = finite(label.get("confidence", 1), "confidence") >= 1
+                        found = names.get(what, what), by, annotation.get("tokt"), None, time
+                        yield FoundBox(where, image, shape, *found, None if sure else by)
+
+
+def _identifier(value: Any, what: str) -> str:
+    """An identifier as text; BIIGLE's are numbers."""
+    return str(value) if type(value) is int else of_kind(value, str, what)
 
 
 def _names(header: dict[str, Any], field: str) -> dict[str, str]:
     """Names by id."""
     found = {}
     for _, entry in objects(header.get(field) or [], field, field):
-        key = of_kind(entry.get("id"), str, f"{field}: id")
+        key = _identifier(entry.get("id"), f"{field}: id")
         found[key] = of_kind(entry.get("name", key), str, f"{field}: name")
     return found
 

@@ -1,6 +1,5 @@
 """Label files: CSV with one row a patch, in and out."""
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
@@ -13,14 +12,14 @@ from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_
 from tokt.labels.taxonomy import Taxonomy, UnknownClassError
 
 from .options import Notes, Remarks, in_order
-from .text_file import read_rows, save_table
+from .text_file import read_rows, save_table, whole
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
 MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind", "note")
 _BLIND = {"": False, "yes": True}
 AUDIT_COLUMNS = ("suggested", "margin", "reason")
 """What a label audit says beside each label; passed over when a file is read."""
-_INTEGER = re.compile(r"-?[0-9]{1,18}")
+_READ = frozenset(COLUMNS + MORE_COLUMNS + AUDIT_COLUMNS)
 _grid = lru_cache(Grid.parse)
 
 
@@ -32,38 +31,50 @@ def read_label_csv(
     classes: Mapping[str, str] | None = None,
     remarks: Remarks | None = None,
 ) -> list[LabelRecord]:
-    """Read a whole label file, or refuse it with its first mistake and that line's number.
+    """Read a label file.
 
     It is UTF-8 text (with or without byte order mark, any line ends) whose first line names the
     `COLUMNS` in any order, and any of `MORE_COLUMNS` and `AUDIT_COLUMNS`. What it says of annotator
     and grid goes before the arguments, which are those of `ReadOptions`. Records come in the file's
     order; without a time column they carry the present moment. `remarks` gets what is passed over:
-    notes stay where they were written.
+    notes, which stay where they were written, further columns, and rows with a mistake. Without
+    `remarks` a mistake refuses the file.
 
-    Raises ToktError for wrong columns, an unknown class, a patch outside the grid, a number that is
-    none, a patch that the same annotator labels twice, or one that is settled twice.
+    A mistake is a patch outside the grid, a number that is none, and what else cannot be. Where
+    the same annotator labels a patch twice, or it is settled twice, and not alike, neither counts.
+
+    Raises ToktError for missing columns, an unknown class, or mistakes in most of the rows.
     """
     lines = read_rows(path)
     rows = _RowReader(taxonomy, annotator or path.stem, grid, classes or {})
+    told = Remarks() if remarks is None else remarks
     fault = None
     try:
-        _, header = next(lines, ("", []))
+        _, header = next(lines, ("line 1", []))
         with naming("line 1"):
-            _check_header(header)
+            _check_header(header, refuse_others=remarks is None)
+        told.pass_over(header, _READ)
         for where, values in lines:
-            with naming(where):
+            with told.entry(where) if remarks is not None else naming(where):
                 rows.add(header, values, where)
+        for where, error in rows.contradictions.values():
+            with told.group(where) if remarks is not None else naming(where):
+                raise error
     except ToktError as error:
         fault = error
     if rows.unknown:
         raise UnknownClassError(f"{path} {next(iter(rows.unknown.values()))}", rows.unknown)
-    if fault:
-        raise ToktError(f"{path} {fault}") from None
-    if not rows.records:
-        raise ToktError(f"{path} has no labels in it")
-    if remarks is not None:
-        remarks["note", "left out: notes stay in the workspace they were written in"] += rows.notes
-    return rows.records
+    try:
+        if fault:
+            raise fault
+        told.refuse_mostly_odd()
+    except ToktError as error:
+        raise ToktError(f"{path} {error}") from None
+    records = rows.chosen()
+    if not records:
+        raise ToktError("; ".join([f"{path} has no labels in it", *told.lines()]))
+    told["note", "left out: notes stay in the workspace they were written in"] += rows.notes
+    return records
 
 
 def write_label_csv(
@@ -97,7 +108,8 @@ class _RowReader:
     def __init__(
         self, taxonomy: Taxonomy, annotator: str, grid: Grid, classes: Mapping[str, str]
     ) -> None:
-        self.records: list[LabelRecord] = []
+        self._records: list[LabelRecord] = []
+        self.contradictions: dict[tuple[object, ...], tuple[str, ToktError]] = {}
         self.unknown: dict[str, str] = {}  # what is said of each class that is none
         self.notes = 0
         self._taxonomy = taxonomy
@@ -106,12 +118,12 @@ class _RowReader:
             **dict.fromkeys(MORE_COLUMNS, ""),
             **{"annotator": annotator, "time": utc_now(), "grid": str(grid), "source": HUMAN},
         }
-        self._lines: dict[tuple[object, ...], str] = {}
+        self._lines: dict[tuple[object, ...], tuple[str, str | None]] = {}
 
     def add(self, header: list[str], values: list[str], line: str) -> None:
-        if len(values) != len(header):
+        if len(values) != len(header) and (len(values) < len(header) or any(values[len(header) :])):
             raise ToktError(f"{len(values)} fields where the first line names {len(header)}")
-        row = {**self._defaults, **dict(zip(header, values, strict=True))}
+        row = {**self._defaults, **dict(zip(header, values, strict=False))}
         self.notes += bool(row["note"])
         if row["blind"] not in _BLIND:
             raise ToktError(f"blind {row['blind']!r} is neither yes nor empty")
@@ -136,27 +148,39 @@ class _RowReader:
             model_version=row["model_version"] or None,
             blind=_BLIND[row["blind"]],
         )
-        settled = record.source == SETTLED
-        # A patch is settled once, whoever did it.
-        who = SETTLED if settled else HUMAN, "" if settled else record.annotator
-        key = (*record.cell[:3], str(record.grid), record.row, record.col, *who)
-        first = self._lines.setdefault(key, line)
-        if first != line:
-            done = "settled" if settled else "labelled"
-            raise ToktError(f"{record.cell} is {done} on {first} already")
-        self.records.append(record)
+        key = _key(record)
+        first, said = self._lines.setdefault(key, (line, record.label))
+        if first == line:
+            self._records.append(record)
+        elif said != record.label:
+            done = "settled" if record.source == SETTLED else "labelled"
+            words = f"{record.cell} is {done} on {first} already as {said}: neither counts"
+            self.contradictions.setdefault(key, (line, ToktError(words)))
+
+    def chosen(self) -> list[LabelRecord]:
+        """The records but those that others contradict."""
+        if not self.contradictions:
+            return self._records
+        return [record for record in self._records if _key(record) not in self.contradictions]
 
 
-def _check_header(header: list[str]) -> None:
+def _key(record: LabelRecord) -> tuple[object, ...]:
+    """What a file says once: of a patch, by whom. It is settled once, whoever did it."""
+    settled = record.source == SETTLED
+    who = SETTLED if settled else HUMAN, "" if settled else record.annotator
+    return (*record.cell[:3], str(record.grid), record.row, record.col, *who)
+
+
+def _check_header(header: list[str], *, refuse_others: bool) -> None:
     known = ", ".join(COLUMNS)
     missing = [name for name in COLUMNS if name not in header]
-    unknown = [name for name in header if name not in COLUMNS + MORE_COLUMNS + AUDIT_COLUMNS]
+    unknown = [name for name in header if name not in _READ]
     twice = [name for name, times in Counter(header).items() if times > 1]
     if not header:
         raise ToktError(f"the file is empty; a label file begins with {known}")
     if missing:
         raise ToktError(f"no column {', '.join(missing)}; a label file has {known}")
-    if unknown:
+    if unknown and refuse_others:
         raise ToktError(
             f"unknown column {', '.join(map(repr, unknown))};"
             f" besides {known} there may be {', '.join(MORE_COLUMNS)}"
@@ -166,9 +190,7 @@ def _check_header(header: list[str]) -> None:
 
 
 def _integer(row: dict[str, str], name: str) -> int:
-    if not _INTEGER.fullmatch(row[name]):
-        raise ToktError(f"{name} {row[name]!r} is not a whole number")
-    return int(row[name])
+    return whole(row[name].strip(), name)
 
 
 def _check_six_columns_suffice(records: list[LabelRecord]) -> None:

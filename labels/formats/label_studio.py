@@ -12,25 +12,33 @@ https://labelstud.io/guide/task_format, https://labelstud.io/tags/rectanglelabel
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from tokt.features.common.errors import ToktError, naming
+from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import SUFFIXES
-from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_text
+from tokt.labels.record import HUMAN, MODEL, LabelRecord
 
 from .box_attributes import to_attributes
 from .boxes import Box, Shape, Size
-from .labels_and_boxes import FoundBox, FrameLabels
+from .labels_and_boxes import PERCENT, FoundBox, FrameLabels
 from .options import ReadOptions, Remarks, WriteOptions, label_of, mission_images
-from .text_file import finite, objects, of_kind, save_json, whole
+from .text_file import finite, listed, of_kind, save_json, utc_time, whole
 
 TITLE = "Label Studio"
 
 _KIND = "rectanglelabels"
 _SIDES = ("x", "y", "width", "height")
+_PIXELS = ("original_height", "original_width")
+_RESULT_FIELDS = frozenset(
+    {
+        *("id", "type", "from_name", "to_name", *_PIXELS, "image_rotation"),
+        *("value", "meta", "score", "origin"),
+    }
+)
 _UNNAMED_MODEL = "label-studio"
 
 
@@ -115,31 +123,60 @@ def boxes(content: Any, options: ReadOptions, who: str, remarks: Remarks) -> Ite
     boxes are left out.
     """
     tasks = content if isinstance(content, list) else [content]
-    for where, task in objects(tasks, "tasks", "task"):
-        if "data" not in task:
-            raise ToktError(f"{where} has no data; export from Label Studio in the format JSON")
-        image = _image(of_kind(task["data"], dict, f"{where}: data"))
-        said = task.get("annotations", task.get("completions")) or []
-        for at, annotation in objects(said, f"{where}: annotations", f"{where} annotation"):
+    for where, task in listed(tasks, "tasks", "task"):
+        with remarks.group(where):
+            yield from _of_task(of_kind(task, dict, "it"), where, who, remarks)
+
+
+def _of_task(task: dict[str, Any], where: str, who: str, remarks: Remarks) -> Iterator[FoundBox]:
+    if "data" not in task:
+        raise ToktError("no data; export from Label Studio in the format JSON")
+    image = _image(of_kind(task["data"], dict, "data"))
+    made_by_people = task.get("annotations", task.get("completions")) or []
+    for at, entry in listed(made_by_people, "annotations", f"{where} annotation"):
+        with remarks.group(at):
+            annotation = of_kind(entry, dict, "it")
             if annotation.get("was_cancelled"):
                 remarks["annotation", "left out: cancelled"] += 1
                 continue
-            made = annotation.get("created_at")
-            time = None if made is None else utc_text(of_kind(made, str, f"{at}: created_at"))
-            by = _annotator(annotation) or who, None
-            yield from _results(annotation, at, image, *by, time, remarks)
-        guessed = task.get("predictions") or []
-        for at, prediction in objects(guessed, f"{where}: predictions", f"{where} prediction"):
+            said = _Said(image, where, _annotator(annotation) or who, time=_made(annotation))
+            yield from _results(annotation, at, said, remarks)
+    for at, entry in listed(task.get("predictions") or [], "predictions", f"{where} prediction"):
+        with remarks.group(at):
+            prediction = of_kind(entry, dict, "it")
             version = prediction.get("model_version") or _UNNAMED_MODEL
-            version = of_kind(version, str, f"{at}: model_version")
-            yield from _results(prediction, at, image, version, version, None, remarks)
+            version = of_kind(version, str, "model_version")
+            yield from _results(prediction, at, _Said(image, where, version, version), remarks)
+
+
+def _made(annotation: dict[str, Any]) -> str | None:
+    made = annotation.get("created_at")
+    return utc_time(
+        made if isinstance(made, int | float) else of_kind(made or "", str, "created_at")
+    )
+
+
+@dataclass(frozen=True)
+class _Said:
+    """What holds for all boxes of one annotation or prediction."""
+
+    image: str
+    task: str
+    annotator: str
+    model_version: str | None = None
+    time: str | None = None
 
 
 def _image(data: dict[str, Any]) -> str:
     """The task's image: what is called so, else the first text that ends like an image file."""
     texts = {key: value for key, value in data.items() if isinstance(value, str)}
-    like = (text for text in texts.values() if Path(text).suffix.lower() in SUFFIXES)
+    like = (text for text in texts.values() if _ending(text) in SUFFIXES)
     return texts.get("image") or next(like, "")
+
+
+def _ending(text: str) -> str:
+    """The ending of a file's name, in small letters; of a URL without what follows ``?``."""
+    return Path(text.partition("?")[0]).suffix.lower()
 
 
 def _annotator(annotation: dict[str, Any]) -> str | None:
@@ -153,33 +190,41 @@ def _annotator(annotation: dict[str, Any]) -> str | None:
 
 
 def _results(
-    said: dict[str, Any],
-    where: str,
-    image: str,
-    who: str,
-    version: str | None,
-    time: str | None,
-    remarks: Remarks,
+    holder: dict[str, Any], where: str, said: _Said, remarks: Remarks
 ) -> Iterator[FoundBox]:
     """The boxes of one annotation or prediction."""
-    for place, result in objects(said.get("result"), f"{where}: result", f"{where} result"):
-        if result.get("type") != _KIND:
-            kind = ascii(result.get("type"))[:40]
-            remarks["result", f"left out: of type {kind}, not a labelled box"] += 1
-            continue
-        with naming(place):
+    for place, entry in listed(holder.get("result"), "result", f"{where} result"):
+        with remarks.entry(place):
+            result = of_kind(entry, dict, "it")
+            if result.get("type") != _KIND:
+                kind = ascii(result.get("type"))[:40]
+                remarks["result", f"left out: of type {kind}, not a labelled box"] += 1
+                continue
+            remarks.pass_over(result, _RESULT_FIELDS)
             value = of_kind(result.get("value"), dict, "value")
             names = of_kind(value.get(_KIND) or [], list, _KIND)
             if not names or finite(value.get("rotation") or 0, "rotation"):
                 remarks["box", "left out: turned, or without class"] += 1
                 continue
+            if finite(result.get("image_rotation") or 0, "image_rotation") % 360:
+                remarks["box", "left out: on a picture that was turned in Label Studio"] += 1
+                continue
             if len(names) > 1:
                 remarks["box", "with several classes: the first counts"] += 1
-            pixels = ("original_height", "original_width")
-            size = Size(*(whole(result.get(side), side) for side in pixels))
+            sides = [result.get(side) for side in _PIXELS]
+            size = None if None in sides else Size(*(whole(side, "size") for side in sides))
             x, y, width, height = (finite(value.get(side), side) for side in _SIDES)
-            across, down = size.width / 100, size.height / 100
-            box = Box(x * across, y * down, (x + width) * across, (y + height) * down)
-            label = of_kind(names[0], str, _KIND)
-            said_so = (who, result.get("meta"), size, time, version)
-            yield FoundBox(place, image, Shape(box), label, *said_so)
+            shape = Shape(Box(x, y, x + width, y + height))
+            yield FoundBox(
+                place,
+                said.image,
+                shape if size is None else shape.scaled(PERCENT, size),
+                of_kind(names[0], str, _KIND),
+                said.annotator,
+                result.get("meta"),
+                size,
+                said.time,
+                said.model_version,
+                image_id=said.task,
+                in_percent=size is None,
+            )

@@ -8,18 +8,26 @@ differ is left out.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, TypeVar
 
-from tokt.features.common.errors import FrameError, ToktError, naming
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.names import same_text
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
 from tokt.labels.taxonomy import UNSURE, UnknownClassError
 
-from .box_attributes import changed_by_hand, from_attributes, size_of
+from .box_attributes import (
+    READ,
+    changed_by_hand,
+    from_attributes,
+    is_turned,
+    is_unverified,
+    size_of,
+)
 from .boxes import Box, Shape, Size, found_shape, patch_box
-from .images import FrameKey
+from .images import FrameKey, MissionImages
 from .options import (
     ImportResult,
     ReadOptions,
@@ -27,11 +35,13 @@ from .options import (
     WriteOptions,
     count,
     in_order,
-    lines,
     mission_images,
 )
 
 T = TypeVar("T")
+_FOLDERS = 3  # of other dives that a remark names
+PERCENT = Size(100, 100)
+"""The size of a picture in which shapes in percent are pixels."""
 _SHOWN = 100  # characters of a file's own words that a remark repeats
 
 
@@ -62,7 +72,7 @@ def labels_to_boxes(
         boxes = [(record, patch_box(record.grid, size, record.row, record.col)) for record in mine]
         frames.append(FrameLabels(key, name, size, boxes))
     if not frames:
-        raise ToktError("; ".join(["no label could be written", *lines(remarks)]))
+        raise ToktError("; ".join(["no label could be written", *remarks.lines()]))
     return frames
 
 
@@ -145,6 +155,9 @@ class FoundBox:
     time: str | None = None  # when it was said
     model_version: str | None = None  # where no person said it, but it is a model's suggestion
     position: int | None = None  # the frame's in its camera's sequence, from 0
+    time_s: float | None = None  # the frame's in a video, from its start
+    in_percent: bool = False  # the shape, in place of pixels
+    image_id: str = ""  # what tells the image apart in the file, such as "image 7"
 
 
 def known_shape(kind: str, numbers: Sequence[float], remarks: Remarks) -> Shape | None:
@@ -173,8 +186,11 @@ def boxes_to_labels(
         if not label:
             remarks[box.shape.noun, f"left out by --map: class {box.label!r}"] += 1
             continue
-        with naming(box.where):
+        try:
             labels.add(box, label)
+        except ToktError as error:
+            remarks.leave_out(box.where, error)
+    remarks.refuse_mostly_odd()
     return labels.result()
 
 
@@ -206,25 +222,34 @@ class _LabelCollector:
         self._remarks = remarks
         self._options = options
         self._now = utc_now()
-        self._best: dict[tuple[Cell, str, str], tuple[float, LabelRecord]] = {}
+        self._best: dict[tuple[Cell, str, str], tuple[float, LabelRecord, bool]] = {}
         self._contested: set[tuple[Cell, str, str]] = set()
         self._mixed: set[tuple[Cell, str, str]] = set()
         self._missing: Counter[str] = Counter()
+        self._foreign: Counter[str] = Counter()
+        self._names: dict[FrameKey, tuple[str, str]] = {}
+        # Frames with boxes whose picture's size the file does not say, and those of them on which
+        # a shape shows that it was another one than the frame's.
+        self._unsized: dict[FrameKey, int] = Counter()
+        self._larger: dict[FrameKey, str] = {}
+        self.fault = ""  # what makes the whole file ambiguous
 
     def add(self, found: FoundBox, label: str) -> None:
         """Take over one box."""
         shape, carried = found.shape, from_attributes(found.attributes)
         if shape.is_empty:
             self._remarks[shape.noun, "left out: without area"] += 1
+        elif is_turned(found.attributes):
+            self._remarks[shape.noun, "left out: turned"] += 1
         elif carried is None:
             self._add_foreign(found, label)
-        else:
-            size = self._size(found, _key(carried))
+        elif placed := self._placed(found, self._key_of(carried, found)):
+            shape, size = placed
             who = self._options.annotator, found.annotator
             if not shape.is_of_patch(carried.grid, size, carried.row, carried.col):
                 remark = "moved since tokt wrote the file: read by its new place"
                 self._remarks[shape.noun, remark] += 1
-                self._spread(shape, changed_by_hand(carried, label, *who), size)
+                self._spread(shape, size, changed_by_hand(carried, label, *who))
             elif found.label != carried.label:
                 remark = "of another class than tokt wrote: labels by hand"
                 self._remarks[shape.noun, remark] += 1
@@ -233,20 +258,54 @@ class _LabelCollector:
                 same = label == carried.label
                 self._keep(1.0, carried if same else replace(carried, label=label))
 
-    def _size(self, found: FoundBox, key: FrameKey) -> Size:
-        what = "boxes without the size of their frame"
-        known = found.size or size_of(found.attributes)
-        return known or mission_images(self._options, what).size(key)
+    def _key_of(self, carried: LabelRecord, found: FoundBox) -> FrameKey:
+        """The frame of a box of ours; ToktError where the file gives the box to another one."""
+        key, images = FrameKey(carried.camera, carried.frame), self._options.images
+        if images is not None and carried.mission == images.name:
+            named = images.find(found.image)
+            if named.folder or named.key not in (None, key):
+                raise ToktError(
+                    f"on image {found.image[:_SHOWN]!r}, and by what tokt wrote into it on"
+                    f" {carried.camera} frame {carried.frame} of {carried.mission}"
+                )
+        return key
+
+    def _placed(self, found: FoundBox, key: FrameKey) -> tuple[Shape, Size] | None:
+        """The shape in pixels of the frame, and the frame's size; None where it has no place."""
+        said, images = found.size or size_of(found.attributes), self._options.images
+        try:
+            size = None if images is None else images.size(key)
+        except FrameError:
+            if said is None:
+                raise
+            size = None
+        size = size or said
+        if size is None:
+            size = mission_images(self._options, "boxes without the size of their frame").size(key)
+        if found.in_percent:
+            return found.shape.scaled(PERCENT, size), size
+        if said in (None, size):
+            return found.shape, size
+        noun, told = found.shape.noun, f"of pictures of {said}, where frames have {size}"
+        if not size.is_like(said):
+            self._remarks[noun, f"left out: {told}"] += 1
+            return None
+        self._remarks[noun, f"{told}: scaled"] += 1
+        return found.shape.scaled(said, size), size
 
     def _add_foreign(self, found: FoundBox, label: str) -> None:
         images = mission_images(self._options, "boxes that are not patches of tokt")
-        key = images.find(found.image)
-        if key is None and found.position is not None and (images.is_video or not found.image):
-            key = images.at(self._options.camera, found.position)
+        key = self._frame_of(found, images)
         if key is None:
-            self._missing[found.image or f"position {found.position}"] += 1
             return
+        placed = self._placed(found, key)
+        if placed is None:
+            return
+        if isinstance(found.attributes, Mapping):
+            self._remarks.pass_over(map(str, found.attributes), READ)
         version = found.model_version
+        if version is None and is_unverified(found.attributes):
+            version = found.annotator
         if version is not None:
             self._remarks[found.shape.noun, "of a model: suggestions, not labels"] += 1
         base = LabelRecord(
@@ -256,9 +315,51 @@ class _LabelCollector:
             HUMAN if version is None else MODEL,
             version,
         )
-        self._spread(found.shape, base, self._size(found, key))
+        if found.size is None and not found.in_percent:
+            self._unsized[key] += 1
+            if placed[0].is_beyond(placed[1]):
+                corner = f"({found.shape.box.x1:.0f}, {found.shape.box.y1:.0f})"
+                self._larger.setdefault(key, f"{found.where} at {corner} px, frame {placed[1]}")
+        self._spread(*placed, base, sized=found.size is not None or found.in_percent)
 
-    def _spread(self, shape: Shape, said: LabelRecord, size: Size) -> None:
+    def _frame_of(self, found: FoundBox, images: MissionImages) -> FrameKey | None:
+        """The frame that a box is on; None where it is none of the mission, which is counted."""
+        named, key = images.find(found.image), None
+        if named.key is None and not named.folder and (images.is_video or not found.image):
+            position = found.position
+            if found.time_s is not None and images.frames_per_second:
+                position = round(found.time_s * images.frames_per_second)
+                if position != found.position:
+                    self._remarks[
+                        found.shape.noun,
+                        "placed by time: the file's frame numbers are of another rate",
+                    ] += 1
+            key = None if position is None else images.at(self._options.camera, position)
+        key = key or named.key
+        if named.folder:
+            self._foreign[named.folder] += 1
+        elif key is None:
+            self._missing[found.image or f"position {found.position}"] += 1
+        elif named.key is not None:
+            self._check_one_name(key, found)
+            if named.remark:
+                self._remarks["box", f"on images {named.remark}"] += 1
+        return key
+
+    def _check_one_name(self, key: FrameKey, found: FoundBox) -> None:
+        name = same_text(found.image), found.image_id
+        first = self._names.setdefault(key, name)
+        if first != name:
+            one, other = (
+                f"{image[:_SHOWN]!r}{f' ({number})' if number else ''}"
+                for image, number in (first, name)
+            )
+            self.fault = self.fault or (
+                f"images {one} and {other} are both {key.camera} frame {key.frame}: keep one of"
+                " them in the file, or import each from a file of its own"
+            )
+
+    def _spread(self, shape: Shape, size: Size, said: LabelRecord, *, sized: bool = True) -> None:
         """Give what was said to each patch that is found in the shape."""
         patches = shape.patches(said.grid, size)
         if shape.box.is_outside(size):
@@ -267,20 +368,22 @@ class _LabelCollector:
             what = "in no patch" if shape.noun == "point" else "covering no patch by half"
             self._remarks[shape.noun, f"left out: {what}"] += 1
         for row, col, share in patches:
-            self._keep(share, replace(said, row=row, col=col))
+            self._keep(share, replace(said, row=row, col=col), sized)
 
-    def _keep(self, share: float, record: LabelRecord) -> None:
+    def _keep(self, share: float, record: LabelRecord, sized: bool = True) -> None:
         settled = record.source == SETTLED  # once a patch, whoever did it
         key = (record.cell, "" if settled else record.annotator, record.source)
         best = self._best.get(key)
         if best and best[1].label != record.label:
             (self._contested if share or best[0] else self._mixed).add(key)
         if best is None or share >= best[0]:
-            self._best[key] = (share, record)
+            self._best[key] = (share, record, sized)
 
     def result(self) -> ImportResult:
         """The labels, and what was not taken over."""
         remarks = self._remarks
+        if self.fault:
+            raise ToktError(self.fault)
         remarks[
             "patch",
             "under boxes of several classes: the box that covers most decided, of equal ones the"
@@ -288,6 +391,12 @@ class _LabelCollector:
         ] += len(self._contested)
         mixed = {key for key in self._mixed if not self._best[key][0]}
         remarks["patch", "left out: points of several classes"] += len(mixed)
+        self._tell_foreign()
+        if self._larger:
+            images = count(len(self._larger), "frame")
+            what = f"left out: on {images} whose pictures were larger where they were labelled"
+            entries = sum(self._unsized[key] for key in self._larger)
+            remarks["box", f"{what} ({next(iter(self._larger.values()))})"] += entries
         if self._missing:
             first = next(iter(self._missing))
             images = count(len(self._missing), "image")
@@ -295,12 +404,31 @@ class _LabelCollector:
             remarks["box", what] += sum(self._missing.values())
         # A settlement answers the opinions, so it comes after them.
         records = sorted(
-            (record for key, (_, record) in self._best.items() if key not in mixed),
+            (
+                record
+                for key, (_, record, sized) in self._best.items()
+                if key not in mixed and (sized or _key(record) not in self._larger)
+            ),
             key=lambda r: r.source == SETTLED,
         )
         if not records:
-            raise ToktError("; ".join(["no labels in it", *lines(remarks)]))
-        return ImportResult(records, lines(remarks))
+            raise ToktError("; ".join(["no labels in it", *remarks.lines()]))
+        return ImportResult(records, remarks.lines())
+
+    def _tell_foreign(self) -> None:
+        """Tell of boxes in folders of other dives; ToktError where these are all there are."""
+        images = self._options.images
+        if images is None or not self._foreign:
+            return
+        folders = ", ".join(map(repr, [*self._foreign][:_FOLDERS]))
+        if not self._names:
+            raise ToktError(
+                f"its images are in {folders}, and the frames given are those of {images.name!r}:"
+                " give that dive's frames by --mission-dir, or say by --folder NAME what the file"
+                " calls this one"
+            )
+        what = f"left out: in {folders}, which is another dive than {images.name!r}"
+        self._remarks["box", what] += sum(self._foreign.values())
 
 
 def _key(record: LabelRecord) -> FrameKey:

@@ -1,17 +1,21 @@
 """Options and results that the readers and writers of all formats share."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, printable
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.mission import LEFT
 from tokt.labels.record import SETTLED, LabelRecord
 from tokt.labels.taxonomy import Taxonomy
 
 from .images import MissionImages
+
+_SHOWN, _MOST_FIELDS = 5, 40  # entries and fields of a file that a remark shows
+_LONGEST = 200  # characters of each
 
 Progress = Callable[[Iterable[Any], int, str], Iterator[Any]]
 Notes = Mapping[tuple[tuple[object, ...], str], str]
@@ -89,13 +93,69 @@ def mission_images(options: ReadOptions | WriteOptions, what: str) -> MissionIma
     return options.images
 
 
-Remarks = Counter[tuple[str, str]]
-"""How many of something, and what about them: ``("box", "left out: without area")``."""
+class Remarks(Counter[tuple[str, str]]):
+    """What of a file is not taken over as it stands there.
+
+    It counts how many of something, and what about them: ``("box", "left out: without area")``.
+    An entry that cannot be read is left out alone, and shown with its place.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._entries = 0
+        self._odd: list[str] = []
+        self._unread: dict[str, None] = {}
+
+    @contextmanager
+    def entry(self, where: str) -> Iterator[None]:
+        """Count one entry of the file, and leave it out where a ToktError is raised in it."""
+        self._entries += 1
+        try:
+            yield
+        except ToktError as error:
+            self.leave_out(where, error)
+
+    @contextmanager
+    def group(self, where: str) -> Iterator[None]:
+        """Leave out what holds entries, as one of them, where a ToktError is raised in it."""
+        try:
+            yield
+        except ToktError as error:
+            self._entries += 1
+            self.leave_out(where, error)
+
+    def leave_out(self, where: str, error: ToktError) -> None:
+        """Leave out an entry, which `error` says is wrong."""
+        self._odd.append(f"{where}: {error}")
+
+    def pass_over(self, fields: Iterable[str], known: Container[str]) -> None:
+        """Keep the names of an entry's fields that are not among the known ones."""
+        self._unread.update((name, None) for name in fields if name not in known)
+
+    def refuse_mostly_odd(self) -> None:
+        """Raise ToktError where more than half of the entries were left out as odd."""
+        odd = len(self._odd)
+        if 2 * odd > self._entries:
+            more = f" (and {odd - 1} more of {self._entries} entries)" if odd > 1 else ""
+            raise ToktError(f"{self._odd[0]}{more}")
+
+    def lines(self) -> list[str]:
+        """One line a remark."""
+        found = [f"{count(n, noun)} {what}" for (noun, what), n in self.items() if n]
+        if self._odd:
+            entries = "1 entry" if len(self._odd) == 1 else f"{len(self._odd)} entries"
+            found.append(f"{entries} left out: {_some(self._odd, '; ')}")
+        if self._unread:
+            fields = _some(list(self._unread), ", ", most=_MOST_FIELDS)
+            found.append(f"fields that tokt does not read: {fields}")
+        return found
 
 
-def lines(remarks: Remarks) -> list[str]:
-    """One line a remark."""
-    return [f"{count(n, noun)} {what}" for (noun, what), n in remarks.items() if n]
+def _some(texts: list[str], between: str, most: int = _SHOWN) -> str:
+    """The first texts out of a file, shortened, and how many more there are."""
+    shown = between.join(printable(text[:_LONGEST]) for text in texts[:most])
+    more = len(texts) - most
+    return f"{shown}{between}and {more} more" if more > 0 else shown
 
 
 def count(n: int, noun: str) -> str:

@@ -8,7 +8,6 @@ another class comes back as that class.
 
 import json
 import re
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +32,6 @@ from .options import (
     Remarks,
     WriteOptions,
     label_of,
-    lines,
     mission_images,
 )
 from .text_file import of_kind, read_json
@@ -57,7 +55,7 @@ def write_patch_folder(
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise ToktError(f"{path} is there already; give the name of a new folder")
     images = mission_images(options, f"a {TITLE} needs the frames' pixels")
-    remarks: Remarks = Counter()
+    remarks = Remarks()
     chosen = one_label_a_patch(records, remarks, f"a {TITLE}")
     grids = sorted({str(record.grid) for record in chosen})
     if len(grids) > 1:
@@ -68,14 +66,14 @@ def write_patch_folder(
         for key, frame, mine in frames:
             _write_frame(folder, key, frame, mine, patches)
         if not patches:
-            raise ToktError("; ".join(["no patch could be written", *lines(remarks)]))
+            raise ToktError("; ".join(["no patch could be written", *remarks.lines()]))
         manifest = {"format": FORMAT, "patches": patches}
         text = json.dumps(manifest, ensure_ascii=False, indent=1) + "\n"
         (folder / MANIFEST).write_text(text, encoding="utf-8")
         if path.is_dir():
             path.rmdir()
         publish_folder(folder, path)
-    return ExportResult(len(patches), lines(remarks))
+    return ExportResult(len(patches), remarks.lines())
 
 
 def _write_frame(
@@ -115,7 +113,7 @@ def read_patch_folder(path: Path, options: ReadOptions) -> ImportResult:
     given or else of the one who labelled it before.
     """
     manifest = _manifest(path)
-    remarks: Remarks = Counter()
+    remarks = Remarks()
     records = []
     with naming(path):
         found = _found(path, manifest, remarks)
@@ -135,7 +133,7 @@ def read_patch_folder(path: Path, options: ReadOptions) -> ImportResult:
             records.append(replace(record, label=label))
     if not records:
         raise ToktError(f"{path} has no patches of {MANIFEST} in it")
-    return ImportResult(records, lines(remarks))
+    return ImportResult(records, remarks.lines())
 
 
 def _manifest(path: Path) -> dict[str, LabelRecord]:

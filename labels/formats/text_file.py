@@ -1,17 +1,24 @@
 """Text and numbers out of files that anybody may have written, or an error in plain words."""
 
+from __future__ import annotations
+
 import csv
 import io
 import json
 import math
 import re
 from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tokt.features.common.atomic import write_text
 from tokt.features.common.errors import ToktError, os_errors_as, os_words
+from tokt.features.common.spreadsheet import guarded, unguarded
 from tokt.labels.record import utc_text
+
+if TYPE_CHECKING:
+    from .options import Remarks
 
 T = TypeVar("T")
 Rows = Iterator[tuple[str, list[str]]]
@@ -20,6 +27,9 @@ _KINDS: dict[type, str] = {list: "a list", dict: "an object", str: "text"}
 _WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
 _MAX_EXACT = 2**53
 _LARGEST = 10**300  # what a float can hold, with room to calculate
+_SEPARATOR_LINE = re.compile(r"\s*sep=(.)\r?\n")
+"""The first line by which Excel is told what separates cells."""
+_MILLISECONDS_FROM = 10**11  # s: the year 5138, so that a larger number counts milliseconds
 
 
 def read_utf8(path: Path) -> str:
@@ -36,19 +46,26 @@ def read_utf8(path: Path) -> str:
 
 
 def csv_rows(text: str) -> Rows:
-    """Rows that a spreadsheet may have written, empty lines left out; ToktError if it is no CSV.
+    """Rows that a spreadsheet may have written, empty ones left out; ToktError if it is no CSV.
 
-    Separated by ``,``, or by ``;`` where the first line has more of these.
+    Separated by what a line ``sep=;`` says, else by ``,``, or by ``;`` where the first line has
+    more of these. Cells lose the quotation mark that `guarded` puts before them.
     """
+    said = _SEPARATOR_LINE.match(text)
     first = text.lstrip().partition("\n")[0]
-    delimiter = ";" if first.count(";") > first.count(",") else ","
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    delimiter = said[1] if said else ";" if first.count(";") > first.count(",") else ","
+    source = io.StringIO(text, newline="")
+    if said:
+        source.readline()
+    reader = csv.reader(source, delimiter=delimiter, strict=True)
+    skipped, has_quotes = int(said is not None), "'" in text
     try:
         for values in reader:
-            if values:
-                yield f"line {reader.line_num}", values
+            if any(values):
+                cells = list(map(unguarded, values)) if has_quotes else values
+                yield f"line {reader.line_num + skipped}", cells
     except csv.Error as error:
-        raise ToktError(f"line {max(1, reader.line_num)}: {error}") from None
+        raise ToktError(f"line {max(1, reader.line_num + skipped)}: {error}") from None
 
 
 def read_rows(path: Path) -> Rows:
@@ -56,18 +73,25 @@ def read_rows(path: Path) -> Rows:
     return csv_rows(read_utf8(path))
 
 
-def by_name(rows: Rows, columns: Iterable[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows by the names, in small letters, that the first one has; ToktError without `columns`."""
+def by_name(
+    rows: Rows, columns: Iterable[str], known: Iterable[str], remarks: Remarks
+) -> Iterator[tuple[str, dict[str, str]]]:
+    """Rows by the names, in small letters, that the first one has; ToktError without `columns`.
+
+    `remarks` are told of names that are not among the known ones.
+    """
     names = [name.strip().lower() for name in next(rows, ("", []))[1]]
+    remarks.pass_over(names, frozenset(known))
     for column in columns:
         if names.count(column) != 1:
             what = f"{names.count(column)} columns {column!r} where there must be one"
             raise ToktError(f"line 1: {what}")
     for where, values in rows:
         row = dict(zip(names, values, strict=False))
-        if not row.keys() >= set(columns):
-            raise ToktError(f"{where}: {len(row)} fields, too few")
-        yield where, row
+        with remarks.group(where):
+            if not row.keys() >= set(columns):
+                raise ToktError(f"{len(row)} fields, too few")
+            yield where, row
 
 
 def save_table(path: Path, rows: Iterable[Iterable[Any]]) -> None:
@@ -75,7 +99,8 @@ def save_table(path: Path, rows: Iterable[Iterable[Any]]) -> None:
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\n")
     quoting = csv.writer(out, lineterminator="\n", quoting=csv.QUOTE_ALL)
-    for row in map(list, rows):
+    for cells in rows:
+        row = [guarded(cell) if isinstance(cell, str) else cell for cell in cells]
         # By itself a writer quotes no "\r", which ends a line all the same.
         (quoting if any("\r" in str(value) for value in row) else writer).writerow(row)
     save_text(path, out.getvalue())
@@ -131,12 +156,21 @@ def whole(value: Any, what: str) -> int:
     return int(match[1])
 
 
-def utc_time(text: str | None) -> str | None:
-    """As `utc_text`, of a time that is in UTC where it names no zone; None where there is none."""
+def utc_time(value: str | float | None) -> str | None:
+    """As `utc_text`, of a time that is in UTC where it names no zone; None where there is none.
+
+    A number counts seconds since 1970, or milliseconds where it is too large for that.
+    """
+    if isinstance(value, int | float):
+        seconds = value / 1000 if value >= _MILLISECONDS_FROM else value
+        try:
+            return utc_text(datetime.fromtimestamp(seconds, UTC).isoformat())
+        except (ValueError, OverflowError, OSError):
+            raise ToktError(f"time {value!r:.40} is no number of seconds since 1970") from None
     try:
-        return utc_text(text) if text else None
+        return utc_text(value) if value else None
     except ToktError:
-        return utc_text(f"{text}Z")
+        return utc_text(f"{value}Z")
 
 
 def of_kind(value: Any, kind: type[T], what: str) -> T:
@@ -146,7 +180,13 @@ def of_kind(value: Any, kind: type[T], what: str) -> T:
     return value
 
 
+def listed(value: Any, what: str, each: str) -> Iterator[tuple[str, Any]]:
+    """The entries of a JSON list, each with its place for error messages; as `of_kind`."""
+    for n, entry in enumerate(of_kind(value, list, what), 1):
+        yield f"{each} {n}", entry
+
+
 def objects(value: Any, what: str, each: str) -> Iterator[tuple[str, dict[str, Any]]]:
     """The objects of a JSON list, each with its place for error messages; as `of_kind`."""
-    for n, entry in enumerate(of_kind(value, list, what), 1):
-        yield f"{each} {n}", of_kind(entry, dict, f"{each} {n}")
+    for where, entry in listed(value, what, each):
+        yield where, of_kind(entry, dict, where)

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError, naming
+from tokt.features.common.errors import ToktError
 from tokt.labels.record import MODEL, LabelRecord
 
 from .box_attributes import carried_text, to_attributes
@@ -39,6 +39,8 @@ _HEADER = (
 _FIXED = 9  # columns before the classes
 _SURE, _SUGGESTED = "1.0", "0.5"
 _ATTRIBUTE = re.compile(r"\(atr\) (\S+)\s(.+)")
+_RATE = re.compile(r"\s*fps:\s*(\d{1,6}(?:\.\d+)?)\s*$")  # of the header: frames a second
+_CLOCK = re.compile(r"(\d{1,4}):(\d{2}):(\d{2}(?:\.\d+)?)")  # hours, minutes, seconds
 _SHAPE = re.compile(r"\((poly|hole|kp|mask)\)")
 _SHAPES = ("box", "with an outline or points: only the box is read")
 
@@ -68,28 +70,40 @@ def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: 
             said = to_attributes(record, frame.size).items()
             attributes = [f"(atr) {key} {_quoted(value)}" for key, value in said]
             rows.append([len(rows), *place, *sides, sure, -1, label_of(record), sure, *attributes])
-    save_table(path, [_HEADER, ["# metadata", 'exported_by: "tokt"'], *rows])
+    rate = images.frames_per_second
+    metadata = ["# metadata", *([f"fps: {rate}"] if rate else []), 'exported_by: "tokt"']
+    save_table(path, [_HEADER, metadata, *rows])
     return len(rows)
 
 
 def boxes(rows: Rows, options: ReadOptions, who: str, remarks: Remarks) -> Iterator[FoundBox]:
     """The boxes of a file."""
+    rate = None
     for where, row in rows:
         if row[0].startswith("#"):
+            rate = next((float(said[1]) for said in map(_RATE.match, row) if said), rate)
             continue
-        with naming(where):
+        with remarks.entry(where):
             if len(row) < _FIXED:
                 raise ToktError(f"{len(row)} fields where {TITLE} has at least {_FIXED}")
             box = Box(*(finite(value, "box corner") for value in row[3:7]))
             label, confidence = _class(row)
             found = (_ATTRIBUTE.fullmatch(cell.strip()) for cell in row[_FIXED:])
+            position = whole(row[2].strip(), "frame")
+            clock = _CLOCK.fullmatch(row[1].strip())
+            by_rate = position / rate if rate else None
             yield FoundBox(
                 *(where, row[1], Shape(box), label, who),
                 {match[1]: _unquoted(match[2]) for match in found if match},
                 model_version=who if confidence < 1 else None,
-                position=whole(row[2].strip(), "frame"),
+                position=position,
+                time_s=_seconds(clock) if clock else by_rate,
             )
             remarks.update({_SHAPES for cell in row if _SHAPE.match(cell)})
+
+
+def _seconds(clock: re.Match[str]) -> float:
+    return int(clock[1]) * 3600 + int(clock[2]) * 60 + float(clock[3])
 
 
 def _class(row: list[str]) -> tuple[str, float]:

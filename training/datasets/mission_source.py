@@ -16,6 +16,7 @@ from tokt.features.frames.image_file import SUFFIXES
 from tokt.features.frames.mission import LEFT, Mission, frame_size, open_mission
 from tokt.features.frames.single_pictures import why_single_pictures
 from tokt.labels.formats.label_csv import read_label_csv
+from tokt.labels.formats.options import Remarks
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import MODEL, LabelRecord, NoLabelsError
 from tokt.labels.store.known_missions import check_mission
@@ -33,14 +34,25 @@ PATCH_GRID = Grid(1, 1, None)
 _COLUMNS = [*PATCH_KEY, "label"]
 
 
-def read_labels(files: Sequence[Path], taxonomy: Taxonomy, grid: Grid) -> list[LabelRecord]:
-    """Read people's labels from label files; model suggestions are no labels."""
-    return [
-        record
-        for file in files
-        for record in read_label_csv(file, taxonomy, grid=grid)
-        if record.source != MODEL and record.label is not None
-    ]
+def read_labels(
+    files: Sequence[Path], taxonomy: Taxonomy, grid: Grid, notice: Notice | None = None
+) -> list[LabelRecord]:
+    """Read people's labels from label files; model suggestions are no labels.
+
+    `notice` is told of what is left out; without it, a row with a mistake refuses its file.
+    """
+    found: list[LabelRecord] = []
+    for file in files:
+        remarks = None if notice is None else Remarks()
+        found += [
+            record
+            for record in read_label_csv(file, taxonomy, grid=grid, remarks=remarks)
+            if record.source != MODEL and record.label is not None
+        ]
+        if notice is not None and remarks is not None:
+            for line in remarks.lines():
+                notice(f"{file}: {line}")
+    return found
 
 
 def labels_of_mission(
@@ -116,7 +128,7 @@ def labelled_missions(
     opened = [open_mission(one.path, one.name) for one in named]
     shared: list[LabelRecord] = []
     if labels:
-        shared = read_labels(labels, taxonomy, grid)
+        shared = read_labels(labels, taxonomy, grid, notice)
     elif not all(one.labels for one in named):
         with LabelStore(workspace / FILE_NAME, create=False) as store:
             shared = store.current_and_settled(grid=grid)
@@ -124,7 +136,8 @@ def labelled_missions(
     for one, mission in zip(named, opened, strict=True):
         if not labels and not one.labels:
             check_mission(workspace, mission)
-        records = read_labels(one.labels, taxonomy, grid) if one.labels else shared
+        given = one.labels
+        records = read_labels(given, taxonomy, grid, notice) if given else shared
         if missing := set(one.cameras) - set(mission.cameras):
             raise ToktError(f"mission {mission.name!r} has no {missing.pop()} camera")
         if one.cameras:

@@ -26,6 +26,7 @@ from tokt.labels.export import Wanted, export_labels
 from tokt.labels.formats.formats import FORMATS, format_named, format_to_read
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
+from tokt.labels.labels import assumed_annotator, refuse_to_replace
 from tokt.labels.page.state.session import CACHE, Session
 from tokt.labels.record import HUMAN, NoLabelsError, utc_now
 from tokt.labels.store.backup import back_up
@@ -91,11 +92,12 @@ async def post_import(
     chosen: _FormatName = "",
     annotator: Who | None = None,
     camera: Camera = "left",
+    folder: Annotated[str | None, Query(max_length=MAX_NAME)] = None,
     classes: Annotated[list[str], Query(alias="map", max_length=MAX_NAME)] = [],  # noqa: B006
     apply: bool = False,
     who: Who | None = None,
 ) -> Response:
-    """Tell what a label file would add, or with `apply` add it; nothing if a line is wrong.
+    """Tell what a label file would add and what is odd in it, or with `apply` add it.
 
     Who labels blind takes only own labels: how many are new would tell what others say.
     """
@@ -111,7 +113,7 @@ async def post_import(
                     sink.write(part)
         except ClientDisconnect:
             raise refuse(400, "the file broke off") from None
-        images = MissionImages(session.mission)
+        images = MissionImages(session.mission, folder=folder)
         mapped = dict(pair.partition("=")[::2] for pair in classes)
         options = ReadOptions(session.taxonomy, annotator, session.grid, images, mapped, camera)
         try:
@@ -135,6 +137,8 @@ def _take(
         return {"format": kind, "applied": False, "unknown": error.names}
     own = all((record.annotator, record.source) == (who, HUMAN) for record in read.records)
     refuse_blind(who in session.blind and not own)
+    assumed = assumed_annotator(file, options.annotator, read.records)
+    refuse_to_replace(session.store, read.records, assumed)
     added = session.store.add_counted(read.records, dry=not apply)
     if apply:
         session.refresh()

@@ -284,6 +284,13 @@ def import_labels(
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
     mission: MissionOption = None,
+    folder: Annotated[
+        str | None,
+        Option(
+            metavar="NAME",
+            help="What the file calls the mission's folder. Default: as the folder, or --mission.",
+        ),
+    ] = None,
     camera: Annotated[str, Option(help="Camera of a viame file without file names.")] = "left",
     classes: Annotated[
         list[str] | None,
@@ -297,7 +304,7 @@ def import_labels(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Add a label file to the workspace, whole or not at all."""
+    """Add a label file to the workspace. What is odd in it is left out, and shown."""
     from tokt.labels.formats.formats import FORMATS
     from tokt.labels.formats.options import no_progress
     from tokt.labels.labels import Labels
@@ -310,6 +317,7 @@ def import_labels(
         grid=grid,
         mission_dir=mission_dir,
         mission=mission,
+        folder=folder,
         camera=camera,
         classes=_class_map(classes or []),
         taxonomy=taxonomy,
@@ -386,7 +394,7 @@ def _class_map(pairs: Iterable[str]) -> dict[str, str]:
     found: dict[str, str] = {}
     for pair in pairs:
         theirs, sign, ours = pair.partition("=")
-        if not sign or not theirs:
+        if not sign:
             raise ToktError(f"--map {pair!r} is not of the form THEIRS=OURS")
         found[theirs] = ours
     return found

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from tests.tiers import scaled
+from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_text
 from tokt.labels.taxonomy import Taxonomy
@@ -30,6 +31,15 @@ def put(folder, value, name="boxes.json"):
     path = folder / name
     path.write_text(value if isinstance(value, str) else json.dumps(value), encoding="utf-8")
     return path
+
+
+def told(read, path, options):
+    """All that a reader says of a file: why it refused it, or what it left out."""
+    try:
+        return "; ".join(read(path, options).lost)
+    except ToktError as error:
+        assert str(path) in str(error)
+        return str(error)
 
 
 def said(label="reef", row=0, col=0, **more):
@@ -92,7 +102,7 @@ def foreign_coco():
     reef = {"id": 1, "image_id": 1, "category_id": 7}
     return {
         "images": [
-            {"id": 1, "file_name": "some/where/Left/dive_L_3.png", **image},
+            {"id": 1, "file_name": "some/dive/Left/dive_L_3.png", **image},
             {"id": 2, "file_name": "dive_R_20.png", **image},
         ],
         "categories": [{"id": 5, "name": "fish"}, {"id": 7, "name": "reef"}],

@@ -13,7 +13,7 @@ from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.box_attributes import to_attributes
 from tokt.labels.formats.boxes import Box, Size, patch_box, patches_in_box
 from tokt.labels.formats.formats import FORMATS, format_named, format_to_read, format_to_write
-from tokt.labels.formats.images import FrameKey, MissionImages
+from tokt.labels.formats.images import FrameKey, MissionImages, NamedFrame
 from tokt.labels.record import LabelRecord
 
 from .examples import said
@@ -108,9 +108,9 @@ def test_file_names_of_other_tools(images, dive, tmp_path):
         "/data/upload/3/0a1b2c3d-dive_L_3.png",
         "s3://bucket/dive%5FL%5F3.png",
     ):
-        assert images.find(name) == third, name
+        assert images.find(name).key == third, name
     for name in ("", "dive_L_4.png", "..", "/", "\ud800", "3"):
-        assert images.find(name) is None
+        assert images.find(name).key is None
     assert images.file_name(third) == "Left/dive_L_3.png"
     assert images.file_name(FrameKey("left", 4)) is None
     assert images.size(third) == Size(137, 181)
@@ -119,15 +119,16 @@ def test_file_names_of_other_tools(images, dive, tmp_path):
         (same / side).mkdir(parents=True)
         (same / side / "3.png").write_bytes((dive / side / f"dive_{side[0]}_3.png").read_bytes())
     twins = MissionImages(open_mission(same), "dive")
-    assert twins.name == "dive" and twins.find("3.png") is None
-    assert twins.find("x/right/3.png") == FrameKey("right", 3)
+    assert twins.name == "dive" and twins.find("3.png").key is None
+    assert twins.find("same/right/3.png").key == FrameKey("right", 3)
+    assert twins.find("x/right/3.png") == NamedFrame(folder="x")
 
 
 def test_frames_of_a_video(tmp_path):
     levels = (np.full((48, 64, 3), 80 * level, np.uint8) for level in range(3))
     images = MissionImages(open_mission(write_video(tmp_path / "dive.avi", levels)))
     assert images.is_video and images.file_name(FrameKey("left", 2)) == "dive_000002.png"
-    assert images.find("dive_000002.png") == FrameKey("left", 2)
+    assert images.find("dive_000002.png").key == FrameKey("left", 2)
     assert images.at("left", 0) == FrameKey("left", 1) and images.at("left", 3) is None
     assert images.size(FrameKey("left", 3)) == Size(48, 64)
     with pytest.raises(FrameError):

@@ -131,7 +131,7 @@ def test_annotations_of_other_tools(tmp_path, reading):
     ("change", "words"),
     [
         (lambda v: v.pop(HEADER), f"{HEADER} is not an object"),
-        (lambda v: v[ITEMS].update({"dive_L_7.png": []}), "'dive_L_7.png' is not an object"),
+        (lambda v: v[ITEMS].update({"dive_L_7.png": [7]}), "'dive_L_7.png' is not an object"),
         (lambda v: v[HEADER].update({"image-latitude": "N"}), "image-latitude 'N' is not a number"),
         (lambda v: v[HEADER].update({"image-depth": float("nan")}), "image-depth nan is not"),
         (lambda v: v[HEADER].update({"image-datetime": "noon"}), "time 'noonZ' is not like"),
