@@ -8,11 +8,11 @@ from typing import NamedTuple
 from tokt.features.common.errors import ToktError
 from tokt.features.common.names import same_text
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.numbering import LAST_FRAME
 
 HUMAN, MODEL, SETTLED = "human", "model", "settled"
 SOURCES = (HUMAN, MODEL, SETTLED)
 _CAMERAS = ("left", "right")
-_LAST_FRAME = 2**31 - 1
 _LONGEST_NAME = 255  # characters: no file's or folder's name is longer
 
 
@@ -73,7 +73,7 @@ class LabelRecord:
             check_name("model_version", self.model_version)
         if self.camera not in _CAMERAS:
             raise ToktError(f"camera {self.camera!r} is not one of {', '.join(_CAMERAS)}")
-        if not 0 <= self.frame <= _LAST_FRAME:
+        if not 0 <= self.frame <= LAST_FRAME:
             raise ToktError(f"frame {self.frame} is not a frame number")
         if not self.grid.contains(self.row, self.col):
             raise ToktError(f"row {self.row} col {self.col} is outside the grid {self.grid}")

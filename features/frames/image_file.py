@@ -19,7 +19,15 @@ from numpy.typing import NDArray
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, os_errors_as
 
-SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"})
+SUFFIXES = frozenset(
+    {".jpg", ".jpeg", ".jfif", ".png", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"}
+    | {".webp", ".jp2", ".gif"}
+)
+OTHER_PICTURES = frozenset(
+    {".heic", ".heif", ".avif", ".jxl", ".dng", ".raw", ".cr2", ".cr3", ".nef", ".arw", ".orf"}
+    | {".rw2", ".raf", ".psd", ".exr", ".tga"}
+)
+"""Endings of pictures that OpenCV does not read: told where they lie among frames."""
 
 _JPEG_START = b"\xff\xd8"
 _JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # headers with the picture's size

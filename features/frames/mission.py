@@ -2,6 +2,7 @@
 
 import re
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
@@ -10,10 +11,11 @@ import cv2
 import numpy as np
 
 from tokt.features.common.arrays import U8
-from tokt.features.common.errors import FrameError, ToktError, os_errors_as
+from tokt.features.common.errors import FrameError, ToktError, counted, os_errors_as
 from tokt.features.common.names import same_text
 
-from .image_file import SUFFIXES, check_bits, decode_image
+from .image_file import OTHER_PICTURES, SUFFIXES, check_bits, decode_image
+from .numbering import dive_order, numbered_files
 from .view_mask import CameraMasks, read_masks
 
 LEFT, RIGHT = "left", "right"
@@ -22,7 +24,6 @@ _MAX_RANGE = 10_000_000  # frames; four days at 30 a second
 _MARK_EVERY = 16  # frames; the pictures of these are compared after a seek
 _FAR = 100  # frames from which a seek is faster than reading on
 _BITS_16 = 16  # the last letter of FFmpeg's four for a pixel format of that many bits
-_NUMBER = re.compile(r"(\d+)$")
 _NAMED = re.compile(r"(\w[\w.-]*)=(.+)", re.DOTALL)
 
 
@@ -46,7 +47,13 @@ class Mission(Protocol):
         """What is no view in its cameras' pictures, by the file beside its frames."""
 
     def frames(self, camera: str = LEFT) -> list[int]:
-        """Frame numbers of one camera, in numeric order."""
+        """Frame numbers of one camera, in the dive's order.
+
+        Of a folder the order is that of the files' whole names: mostly the numbers', not always.
+        """
+
+    def place(self, frame: int) -> int:
+        """Where a frame of any camera comes in the dive, from 0."""
 
     def read(self, frame: int, camera: str = LEFT) -> U8:
         """One frame as the camera gave it: uint8, gray or BGR. Raises FrameError."""
@@ -68,7 +75,7 @@ def open_mission(path: Path | str, name: str | None = None) -> Mission:
     Raises
     ------
     ToktError
-        If there is nothing there, no image in it, or a file name without a frame number.
+        If there is nothing there, or no image in it.
     """
     given, path = named_path(path)
     mission: FolderMission | VideoMission
@@ -93,45 +100,58 @@ def named_path(text: Path | str) -> tuple[str | None, Path]:
     return (match[1], Path(match[2])) if match else (None, path)
 
 
-def _numbered(folder: Path) -> dict[int, Path]:
-    """Image files of a folder by the number their names end in."""
-    found: dict[int, Path] = {}
-    for path in sorted(folder.iterdir()):
-        if path.suffix.lower() not in SUFFIXES or path.name.startswith("."):
-            continue
-        match = _NUMBER.search(path.stem)
-        if match is None:
-            raise ToktError(
-                f"{path}: the file name does not end in a frame number. Labels go by it: copy the "
-                "pictures to names such as dive_0001.jpg, as the how-to Pictures without numbers "
-                "shows"
-            )
-        number = int(match[1])
-        if number in found:
-            raise ToktError(f"{path} and {found[number].name} are both frame {number}")
-        found[number] = path
-    return dict(sorted(found.items()))
-
-
 class FolderMission:
     """A mission kept as one image file a frame."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.name = path.resolve().name
+        self.passed_over: Counter[str] = Counter()  # pictures that cannot be read, by ending
         by_name = {child.name.lower(): child for child in path.iterdir() if child.is_dir()}
         # An empty Right/ is no camera: whoever takes its first frame would find none.
-        self._files = {
+        pictures = {
             camera: files
             for camera in (LEFT, RIGHT)
-            if camera in by_name and (files := _numbered(by_name[camera]))
+            if camera in by_name and (files := self._pictures(by_name[camera]))
         }
-        if not self._files:
-            self._files = {LEFT: _numbered(path)}
-        if not self._files.get(LEFT):
-            raise ToktError(f"mission {path} has no frames (looked for images in it and in Left/)")
+        pictures = pictures or {LEFT: self._pictures(path)}
+        if not pictures.get(LEFT):
+            raise ToktError(
+                f"mission {path} has no frames (looked for images in it and in Left/)"
+                f"{'; it has ' if self.passed_over else ''}{self.passed_over_words()}"
+            )
+        self._files = numbered_files(path, pictures)
+        self._places = dive_order(self._files)
         self.cameras = tuple(self._files)
         self.masks = read_masks(path)
+
+    def _pictures(self, folder: Path) -> list[Path]:
+        """The image files of a folder."""
+        found = []
+        for path in folder.iterdir():
+            suffix = path.suffix.lower()
+            if path.name.startswith(".") or not path.is_file():
+                continue
+            if suffix in SUFFIXES:
+                found.append(path)
+            elif suffix in OTHER_PICTURES:
+                self.passed_over[suffix] += 1
+        names = Counter(same_text(path.name) for path in found)
+        if twice := [name for name, times in names.items() if times > 1]:
+            raise ToktError(f"{folder} has two files of one name, {twice[0]!r}: rename one")
+        return found
+
+    def passed_over_words(self) -> str:
+        """Pictures of the folder that cannot be read, for people; empty where there are none."""
+        if not self.passed_over:
+            return ""
+        endings = ", ".join(sorted(self.passed_over))
+        what = counted(self.passed_over.total(), "picture")
+        return f"{what} of a kind that tokt does not read ({endings}): convert to PNG"
+
+    def place(self, frame: int) -> int:
+        """Where a frame comes in the dive, from 0, by the whole names of its files."""
+        return self._places[frame]
 
     def file(self, frame: int, camera: str = LEFT) -> Path:
         """The image file of one frame. Raises FrameError if there is no such frame."""
@@ -141,7 +161,7 @@ class FolderMission:
         return file
 
     def frames(self, camera: str = LEFT) -> list[int]:
-        """Frame numbers of one camera, in numeric order."""
+        """Frame numbers of one camera, in the dive's order."""
         return list(self._files.get(camera, {}))
 
     def read(self, frame: int, camera: str = LEFT) -> U8:
@@ -206,6 +226,10 @@ class VideoMission:
             check_bits(int(image.max()), f"{self.path}: frame {frame}")
         return np.asarray(image, np.uint8)
 
+    def place(self, frame: int) -> int:
+        """Where a frame comes in the video, from 0."""
+        return frame - 1
+
     def is_near(self, frame: int) -> bool:
         """Whether a frame can be had without reading much of the file first."""
         first = 1 if self._seeks else self._next
@@ -263,7 +287,7 @@ def frame_size(
 
 
 def chosen_frames(mission: Mission, asked: Iterable[int] | None, *cameras: str) -> list[int]:
-    """Return the frames that some cameras have, sorted, or those asked for.
+    """Return the frames that some cameras have, or those asked for, in the dive's order.
 
     Raises ToktError if there is not each of these: it lists what there is.
     """
@@ -272,14 +296,14 @@ def chosen_frames(mission: Mission, asked: Iterable[int] | None, *cameras: str) 
     if missing := wanted - there:
         has, lacks = format_frames(there), format_frames(missing)
         raise ToktError(f"mission {mission.name} has frames {has}, not {lacks}")
-    return sorted(wanted)
+    return sorted(wanted, key=mission.place)
 
 
 def parse_frames(text: str) -> list[int]:
     """The numbers of ``"1-99,132-246"``, sorted, unique; ToktError if a part is no rising range."""
     frames: set[int] = set()
     for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
+        match = re.fullmatch(r"\s*(\d{1,19})\s*(?:-\s*(\d{1,19})\s*)?", part)
         if match is None or (match[2] and int(match[2]) < int(match[1])):
             raise ToktError(f"not a list of frames: {text!r} (write for example 1-99,132-246)")
         first, last = int(match[1]), int(match[2] or match[1])

@@ -11,7 +11,7 @@ from tokt.features.frames.mission import LEFT, RIGHT, Mission, chosen_frames, op
 from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.models.operating_point import frame_step, missed_before
+from tokt.models.operating_point import missed_before
 
 _STOP_CHECK_S = 0.05
 _NOT_READ = Fault(Reason.MISSING, "not read")
@@ -47,8 +47,8 @@ class MissionSource:
             raise ToktError(f"a rate is a positive number of frames per second, not {self.rate}")
         cameras = self.mission.cameras
         self.numbers = chosen_frames(self.mission, self.frames, *cameras)
-        step = frame_step(chosen_frames(self.mission, None, *cameras))
-        self._missed = missed_before(self.numbers, step)
+        places = [self.mission.place(number) for number in self.numbers]
+        self._missed = missed_before(places, 1)
         self._stopped = False
 
     def __iter__(self) -> Iterator[Frame]:

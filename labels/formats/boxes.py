@@ -107,7 +107,7 @@ class Shape(NamedTuple):
         return patches_in_box(grid, size, self.box)
 
     def is_beyond(self, size: Size) -> bool:
-        """Tell whether it lies so far out of a frame of that size that it was drawn on a larger one.
+        """Tell whether it was drawn on a larger frame than of that size, so far out it lies.
 
         A point may lie on the edge; boxes may be moved over it by a tenth of the frame.
         """

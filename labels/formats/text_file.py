@@ -24,7 +24,7 @@ T = TypeVar("T")
 Rows = Iterator[tuple[str, list[str]]]
 """The rows of a CSV file, each with its line for error messages."""
 _KINDS: dict[type, str] = {list: "a list", dict: "an object", str: "text"}
-_WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
+_WHOLE = re.compile(r"(-?[0-9]{1,19})(?:\.0*)?")
 _MAX_EXACT = 2**53
 _LARGEST = 10**300  # what a float can hold, with room to calculate
 _SEPARATOR_LINE = re.compile(r"\s*sep=(.)\r?\n")

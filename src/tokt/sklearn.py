@@ -166,7 +166,7 @@ def load_dataset(
     groups["block_frames"] = dataset.block_frames or 0
     groups["single_picture"] = groups.mission.isin(dataset.single_pictures)
     if dataset.block_frames is None:
-        groups["frame"] = np.nan  # numbers only count files: none is near another
+        groups["frame"] = groups["position"] = np.nan  # they count files: none is near another
     data = Patches(dataset.read_frame, dataset.grid, frame, cell, groups)
     whole = Bunch(data=data, target=target, target_names=names, groups=groups, label=dataset.label)
     return (data, target) if return_X_y else whole

@@ -20,8 +20,8 @@ from tokt.models.operating_point import (
     frame_step,
     missed_before,
 )
-from tokt.training.datasets.dataset import FRAME_KEY
-from tokt.training.datasets.folds import block_of
+from tokt.training.datasets.dataset import DIVE_ORDER
+from tokt.training.datasets.folds import block_of, positions_of
 from tokt.training.evaluation.approaches import (
     NOTHING_STATED,
     AtSea,
@@ -40,21 +40,26 @@ OCEAN, OBSTACLE_FRAME, NEITHER = "ocean", "obstacle", "neither"
 class FrameSeries:
     """The frames that are compared, dive by dive and camera by camera, in order."""
 
-    table: pd.DataFrame  # mission, camera, frame, kind (as above), fold (-1 for none)
+    table: pd.DataFrame  # mission, camera, frame, position, kind (as above), fold (-1 for none)
     starts: I64  # rows at which another dive or camera begins
     gaps: I64  # (n_frames,): frames missing just before each one, in its own sequence
 
     @classmethod
     def of(cls, table: pd.DataFrame, steps: Mapping[str, int] | None = None) -> FrameSeries:
-        """Order the rows of a table; `steps`: each dive's `frame_step`, or the frames show it."""
-        table = table.sort_values(FRAME_KEY, ignore_index=True)
+        """Order the rows of a table; `steps`: each dive's `frame_step`, or the frames show it.
+
+        They come in the order of their positions, or of their numbers in a table without these.
+        """
+        table = table.assign(position=positions_of(table))
+        table = table.sort_values(DIVE_ORDER, ignore_index=True)
         new = (table[["mission", "camera"]] != table[["mission", "camera"]].shift()).any(axis=1)
         starts = np.flatnonzero(new)
         missing: list[int] = []
-        for first, part in zip(starts, np.split(table.frame.to_numpy(), starts[1:]), strict=True):
-            numbers = part.tolist()
-            step = steps[table.mission[first]] if steps else frame_step(numbers)
-            missing += missed_before(numbers, step)
+        parts = np.split(table.position.to_numpy(), starts[1:])
+        for first, part in zip(starts, parts, strict=True):
+            positions = part.tolist()
+            step = steps[table.mission[first]] if steps else frame_step(positions)
+            missing += missed_before(positions, step)
         return cls(table, starts, np.asarray(missing, np.int64))
 
     def kind(self, name: str) -> Bools:
@@ -125,6 +130,7 @@ def frame_figures(
     first, coming = [], []
     for rows in series.sequences():
         numbers = series.table.frame.to_numpy()[rows]
+        place = {number: place for place, number in enumerate(numbers.tolist())}
         labelled = next(iter(numbers[obstacle[rows]].tolist()), None)
         gaps = series.gaps[rows].tolist()
         found = first_detection(numbers.tolist(), gaps, status[rows].tolist())
@@ -139,10 +145,10 @@ def frame_figures(
                 **names,
                 "first_obstacle_frame": labelled,
                 "first_detection": found,
-                "false": found is not None and (labelled is None or found < labelled),
+                "false": found is not None and (labelled is None or place[found] < place[labelled]),
             }
         )
-    keys = series.table[["mission", "frame"]].itertuples(index=False, name=None)
+    keys = series.table[["mission", "position"]].itertuples(index=False, name=None)
     block = np.array([block_of(*key) for key in keys], object)
     hourly = false_status_per_hour(
         int((said & ocean).sum()),

@@ -18,12 +18,14 @@ from tokt.models.operating_point import MofNRule
 from tokt.models.registry.load import is_registered_name, load_model
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import (
+    DIVE_ORDER,
     FRAME_KEY,
     PATCH_COLUMNS,
     PATCH_KEY,
     DatasetVersion,
     list_datasets,
 )
+from tokt.training.datasets.folds import positions_of
 from tokt.training.evaluation.old_dives import held_out_units
 
 from .frames import NEITHER, OBSTACLE_FRAME, OCEAN, FrameSeries
@@ -77,14 +79,16 @@ def _common_patches(
     known = {}
     for label, table in tables.items():
         dataset = datasets[label]
-        pictures = table[FRAME_KEY].drop_duplicates().assign(digest="")
+        table = table.assign(position=positions_of(table))
+        pictures = table[[*FRAME_KEY, "position"]].drop_duplicates().assign(digest="")
         if dataset is not None:
-            pictures = dataset.frames[[*FRAME_KEY, "digest"]]
-        known[label] = table.merge(pictures, on=FRAME_KEY)
+            pictures = dataset.frames[[*FRAME_KEY, "position", "digest"]]
+        known[label] = table.drop(columns="position").merge(pictures, on=FRAME_KEY)
     keys = [*PATCH_KEY, "label", "digest"]
     common = reduce(lambda one, other: one.merge(other), (table[keys] for table in known.values()))
+    order = [*DIVE_ORDER, "row", "col"]
     return {
-        label: table.merge(common, on=keys).sort_values(PATCH_KEY, ignore_index=True)
+        label: table.merge(common, on=keys).sort_values(order, ignore_index=True)
         for label, table in known.items()
     }
 
@@ -116,17 +120,17 @@ def _folds(kept: Mapping[str, pd.DataFrame], by_dive: bool) -> tuple[I64, dict[s
 
 def _frames(table: pd.DataFrame, truth: Bools, bundle: Bundle) -> pd.DataFrame:
     """One row a frame, with its kind and its fold."""
-    groups = table.assign(clear=~truth).groupby(FRAME_KEY)
+    groups = table.assign(clear=~truth).groupby(DIVE_ORDER)
     frames = groups.agg(n=("clear", "size"), clear=("clear", "all"), fold=("fold", "first"))
     masks = masks_by_mission(bundle.content.provenance.get("masks", {}))
     camera_grid = bundle.grid, *bundle.frame_sizes[0]
     in_view = [
         int((~masks.get(name, CameraMasks()).patches(camera, *camera_grid)).sum())
-        for name, camera, _ in frames.index
+        for name, camera, *_ in frames.index
     ]
     sides = [~frames.clear, frames.n == in_view]
     frames["kind"] = np.select(sides, [OBSTACLE_FRAME, OCEAN], NEITHER)
-    return frames.reset_index()[[*FRAME_KEY, "kind", "fold"]]
+    return frames.reset_index()[[*DIVE_ORDER, "kind", "fold"]]
 
 
 def _predictions(
@@ -244,7 +248,7 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     truth = np.asarray(bundles[labels[0]].model.obstacle, bool)[first.target.to_numpy()]
     series = FrameSeries.of(_frames(first, truth, bundles[labels[0]]))
     # The table is sorted as the series is.
-    frame = first.groupby(FRAME_KEY).ngroup().to_numpy(np.int64)
+    frame = first.groupby(DIVE_ORDER).ngroup().to_numpy(np.int64)
     names = list(dict.fromkeys(str(recipe["provenance"]["dataset"]) for recipe in recipes.values()))
     # Pictures and learning curve are of one dataset.
     dataset = datasets[labels[0]] if len(names) == 1 else None
@@ -252,7 +256,7 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
         mode=HELD_OUT,
         what=f"dataset {' and '.join(names)}"
         + (" (UNGROUPED)" if bundles[labels[0]].grid.width is None else ""),
-        patches=first[PATCH_COLUMNS],
+        patches=first[[*PATCH_COLUMNS, "position"]],
         truth=truth,
         models=[_predictions(bundles[x], recipes[x], kept[x], frame, folds[x]) for x in labels],
         series=series,

@@ -1,6 +1,6 @@
 """Predictions of models on labelled missions that none of them learnt from."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
-from tokt.models.operating_point import MAX_WINDOW, frame_step, missed_before
+from tokt.models.operating_point import MAX_WINDOW, missed_before
 from tokt.training.datasets.dataset import FRAME_KEY, PATCH_COLUMNS
 from tokt.training.datasets.folds import BLOCK_FRAMES
 from tokt.training.datasets.mission_source import LabelledMission
@@ -90,21 +90,31 @@ def _score(
     return values, judged, min_mask_patches(grid, *grid.resized(*frame.left.shape[:2]))
 
 
-def _patches(records: Sequence[LabelRecord], single_pictures: Collection[str]) -> pd.DataFrame:
+def _patches(
+    records: Sequence[LabelRecord],
+    missions: Mapping[str, Mission],
+    single_pictures: Collection[str],
+) -> pd.DataFrame:
     rows = [(r.mission, r.camera, r.frame, r.row, r.col, str(r.label), r.mission) for r in records]
     patches = pd.DataFrame(rows, columns=PATCH_COLUMNS)
+    patches["position"] = [missions[r.mission].place(r.frame) + 1 for r in records]
     return patches.assign(group=blocks_of(patches, BLOCK_FRAMES, single_pictures))
 
 
 def _frames(
-    name: str, frames: Sequence[int], records: Sequence[LabelRecord], taxonomy: Taxonomy, n: int
+    name: str,
+    mission: Mission,
+    frames: Sequence[int],
+    records: Sequence[LabelRecord],
+    taxonomy: Taxonomy,
+    n: int,
 ) -> pd.DataFrame:
     kinds = dict.fromkeys(frames, NEITHER)
     sides = frame_kinds(frames, records, taxonomy, n)
     for kind, numbers in zip((OCEAN, OBSTACLE_FRAME), sides, strict=True):
         kinds |= dict.fromkeys(numbers, kind)
-    rows = [(name, LEFT, number, kind, -1) for number, kind in kinds.items()]
-    return pd.DataFrame(rows, columns=[*FRAME_KEY, "kind", "fold"])
+    rows = [(name, LEFT, n, mission.place(n) + 1, kind, -1) for n, kind in kinds.items()]
+    return pd.DataFrame(rows, columns=[*FRAME_KEY, "position", "kind", "fold"])
 
 
 def _predictions(
@@ -157,7 +167,7 @@ def predict_missions(
     sure: list[LabelRecord] = []
     keys: list[tuple[str, int]] = []
     missed: list[int] = []
-    tables, steps, what, unsure, ranges = [], {}, [], 0, {}
+    tables, what, unsure, ranges = [], [], 0, {}
     labelled = {one.name: one for one in missions}
     by_name = {name: labelled[name].mission for name in sorted(labelled)}
     for name, mission in by_name.items():
@@ -170,16 +180,16 @@ def predict_missions(
             raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
         check_unseen(bundles, mission, sorted({record.frame for record in mine}), progress)
         in_view = labelled[name].patches_in_view(bundles[0].grid)
-        table = _frames(name, numbers, merged, taxonomy, in_view)
+        table = _frames(name, mission, numbers, merged, taxonomy, in_view)
         ranges[name] = known_distances(mission, labelled_approaches(table), stated, progress)
         tables.append(table)
-        steps[name] = frame_step(mission.frames(LEFT))
-        missed += [MAX_WINDOW, *missed_before(numbers, steps[name])[1:]]  # each mission is a run
+        in_dive = [mission.place(number) for number in numbers]
+        missed += [MAX_WINDOW, *missed_before(in_dive, 1)[1:]]  # each mission is a run
         keys += [(name, number) for number in numbers]
         what.append(f"mission {mission.name}, frames {format_frames(numbers)}")
         sure, unsure = sure + mine, unsure + len(merged) - len(mine)
     single = [name for name, mission in by_name.items() if why_single_pictures(mission)]
-    patches = _patches(sure, single)
+    patches = _patches(sure, by_name, single)
     truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
     scored = progress(keys, len(keys), "scoring")
     run = (
@@ -199,7 +209,7 @@ def predict_missions(
             _predictions(bundle, patches, truth, places, its_values, its_judged, white)
             for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True)
         ],
-        series=FrameSeries.of(pd.concat(tables), steps),
+        series=FrameSeries.of(pd.concat(tables), dict.fromkeys(by_name, 1)),
         read_frame=lambda name, camera, frame: by_name[name].read(frame, camera),
         dataset=None,
         notes=_notes(bundles, sure, unsure, single),

@@ -4,7 +4,8 @@ On disk, below the workspace::
 
     datasets/NAME/HASH/dataset.json     format, task, grid, taxonomy, counts, sources
     datasets/NAME/HASH/patches.parquet  one row a labelled patch
-    datasets/NAME/HASH/frames.parquet   one row a frame: mission, camera, number, group, pixel hash
+    datasets/NAME/HASH/frames.parquet   one row a frame: mission, camera, number, position in the
+                                        dive, file name, group, pixel hash
     datasets/NAME/HASH/frames/          the frames' own files, named by pixel hash; of frames that
                                         must not be given away files of rows (`frame_rows`)
     datasets/NAME/latest                the hash that NAME alone means
@@ -18,7 +19,10 @@ so their content. `unsure` patches are counted, never stored. The missions' `mas
 any, are covered by the hash: frames are stored as the camera gave them, and read with what is no
 view covered.
 
-To change the format: raise FORMAT_VERSION, keep reading the old one, prove it with a test.
+To change the format: raise FORMAT_VERSION, keep reading the old ones, prove it with a test.
+
+1. Frames' numbers alone: blocks and gaps count by them.
+2. Each frame's position in its dive, and its file's name.
 """
 
 import hashlib
@@ -50,7 +54,7 @@ from .folds import joined_names
 from .frame_rows import SUFFIX as ROWS
 from .frame_rows import file_name
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 BINARY = "binary"
 TASKS = (BINARY, "classes")
 CLEAR, OBSTACLE = "clear", "obstacle"
@@ -61,9 +65,12 @@ _HASHED_AT_ONCE = 1 << 18  # rows
 _VERSION_INFO = "[0-9a-f]" * HASH_CHARS + "/dataset.json"  # never of a half-written folder
 FRAME_KEY = ["mission", "camera", "frame"]
 PATCH_KEY = [*FRAME_KEY, "row", "col"]
+DIVE_ORDER = ["mission", "camera", "position", "frame"]
+"""What tables are sorted by. A dive's frames come in the order of their positions."""
 PATCH_COLUMNS = [*PATCH_KEY, "label", "group"]
 _HASHED_FRAME_COLUMNS = [*FRAME_KEY, "group", "digest"]
 _FRAME_COLUMNS = [*_HASHED_FRAME_COLUMNS, "file", "height", "width"]
+_PLACED = ["position", "name"]  # columns of frames since format 2
 _HASHED_INFO = ("format_version", "task", "grid", "taxonomy", "block_frames")
 
 
@@ -78,6 +85,9 @@ class FrameSource:
     load: Callable[[], tuple[bytes, str]]  # gives the frame's encoded file and suffix; called once
     # Pixel hash, height and width of the frame, where that file is one of rows.
     known: tuple[str, int, int] | None = None
+    # Its place in the dive, counted in frames: what blocks and gaps go by. None: its number.
+    position: int | None = None
+    name: str = ""  # its file's; empty where it had none of its own
 
 
 @dataclass(frozen=True)
@@ -91,14 +101,16 @@ class DatasetPlan:
     frames: Sequence[FrameSource]
     patches: pd.DataFrame  # columns mission, camera, frame, row, col, label; no `unsure` in it
     unsure: int  # how many patches were left out as `unsure`
-    # Consecutive frames a group; None where nothing says which patches belong together (a folder of
-    # patches): figures from such a dataset are marked ungrouped.
+    # Frames a group, which follow each other; None where nothing says which patches belong together
+    # (a folder of patches): figures from such a dataset are marked ungrouped.
     block_frames: int | None
     sources: list[str]  # for people: what was read; not part of the hash
     sites: dict[str, str] = field(default_factory=dict)  # by mission, if known; not of the hash
     masks: dict[str, CameraMasks] = field(default_factory=dict)  # by mission, where it has any
     # Missions whose frames are no sequence, each with how that is known.
     single_pictures: dict[str, str] = field(default_factory=dict)
+    # Frames for which the scene stays the same, by mission, where that could be measured.
+    scene_frames: dict[str, int] = field(default_factory=dict)
 
 
 class DatasetVersion:
@@ -133,15 +145,32 @@ class DatasetVersion:
         """``name@hash``."""
         return f"{self.name}@{self.hash[:HASH_CHARS]}"
 
+    @property
+    def has_positions(self) -> bool:
+        """Whether it says where frames come in their dives; of an older one their numbers do."""
+        return bool(self.info["format_version"] > 1)
+
     @cached_property
     def frames(self) -> pd.DataFrame:
-        """One row a frame: mission, camera, frame, group, digest, file, height, width."""
-        return self._table("frames.parquet", _FRAME_COLUMNS)
+        """One row a frame, in the order of `DIVE_ORDER`.
+
+        Columns mission, camera, frame, group, digest, file, height, width, position, name.
+        """
+        if self.has_positions:
+            return self._table("frames.parquet", [*_FRAME_COLUMNS, *_PLACED])
+        old = self._table("frames.parquet", _FRAME_COLUMNS)
+        return old.assign(position=old.frame, name="")
 
     @cached_property
     def patches(self) -> pd.DataFrame:
-        """One row a labelled patch, sorted: mission, camera, frame, row, col, label, group."""
-        return self._table("patches.parquet", PATCH_COLUMNS)
+        """One row a labelled patch, in the order of `DIVE_ORDER`, row and col.
+
+        Columns mission, camera, frame, row, col, label, group, position.
+        """
+        if self.has_positions:
+            return self._table("patches.parquet", [*PATCH_COLUMNS, "position"])
+        old = self._table("patches.parquet", PATCH_COLUMNS)
+        return old.assign(position=old.frame)
 
     def _table(self, name: str, columns: list[str]) -> pd.DataFrame:
         try:
@@ -285,7 +314,8 @@ def _check_classes(plan: DatasetPlan) -> None:
 def _content_hash(info: dict[str, Any], patches: pd.DataFrame, frames: pd.DataFrame) -> str:
     header = {name: info[name] for name in (*_HASHED_INFO, "masks") if name in info}
     digest = hashlib.sha256(canonical_json(header).encode())
-    for table in (patches[PATCH_COLUMNS], frames[_HASHED_FRAME_COLUMNS]):
+    placed = _PLACED if info["format_version"] > 1 else []
+    for table in (patches[PATCH_COLUMNS], frames[[*_HASHED_FRAME_COLUMNS, *placed]]):
         for start in range(0, max(len(table), 1), _HASHED_AT_ONCE):
             some = table.iloc[start : start + _HASHED_AT_ONCE]
             text = some.to_csv(index=False, header=not start, lineterminator="\n")
@@ -308,10 +338,12 @@ def _store_frames(
         data, suffix = source.load()
         name = f"{source.mission}, {source.camera} frame {source.frame}"
         key = (source.mission, source.camera, source.frame)
+        position = source.frame if source.position is None else source.position
+        placed = position, source.name
         if source.known is not None:
             digest, *size = source.known
             (folder / file_name(data)).write_bytes(data)
-            rows.append((*key, source.group, digest, file_name(data), *size))
+            rows.append((*key, source.group, digest, file_name(data), *size, *placed))
             continue
         image = decode_image(data, name)
         with naming(f"dataset {label}: {name}"):
@@ -319,7 +351,7 @@ def _store_frames(
         digest = pixel_sha256(image)
         file = f"{digest}{suffix}"
         (folder / file).write_bytes(data)
-        rows.append((*key, source.group, digest, file, *image.shape[:2]))
+        rows.append((*key, source.group, digest, file, *image.shape[:2], *placed))
         mask = plan.masks.get(source.mission, CameraMasks()).of(source.camera)
         covered = image if mask is None else mask.cover(image)
         causes = unseen_causes((), covered, mask, grid)
@@ -327,7 +359,7 @@ def _store_frames(
             (*key, *divmod(cell, grid.cols), cause) for cell, cause in enumerate(causes) if cause
         ]
     return (
-        pd.DataFrame(rows, columns=_FRAME_COLUMNS),
+        pd.DataFrame(rows, columns=[*_FRAME_COLUMNS, *_PLACED]),
         pd.DataFrame(unseen, columns=[*PATCH_KEY, "cause"]),
     )
 
@@ -358,6 +390,7 @@ def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> 
         **({"sites": plan.sites} if plan.sites else {}),
         **({"masks": masks} if masks else {}),
         **({"single_pictures": plan.single_pictures} if plan.single_pictures else {}),
+        **({"scene_frames": plan.scene_frames} if plan.scene_frames else {}),
     }
 
 
@@ -382,11 +415,13 @@ def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     with atomic.scratch_folder(home) as folder:
         sources = progress(plan.frames, len(plan.frames), "reading frames")
         frames, unseen = _store_frames(folder / "frames", sources, plan)
-        frames = frames.sort_values(FRAME_KEY, ignore_index=True)
+        frames = frames.sort_values(DIVE_ORDER, ignore_index=True)
         # Copies of a picture must not stand on both sides of a split.
         frames = frames.assign(group=joined_names(frames.group, frames.digest, "min"))
-        patches = plan.patches.merge(frames[[*FRAME_KEY, "group"]], on=FRAME_KEY, how="left")
-        patches = patches[PATCH_COLUMNS].sort_values(PATCH_COLUMNS, ignore_index=True)
+        placed = frames[[*FRAME_KEY, "group", "position"]]
+        patches = plan.patches[[*PATCH_KEY, "label"]].merge(placed, on=FRAME_KEY, how="left")
+        patches = patches[[*PATCH_COLUMNS, "position"]]
+        patches = patches.sort_values([*DIVE_ORDER, *PATCH_COLUMNS[3:]], ignore_index=True)
         info = _summary(plan, patches, frames)
         content = _content_hash(info, patches, frames)
         patches.to_parquet(folder / "patches.parquet", index=False)

@@ -52,9 +52,14 @@ class Fold:
     test: I64
 
 
-def block_of(mission: str, frame: int, frames: int = BLOCK_FRAMES) -> str:
-    """The group of a frame: `frames` consecutive frame numbers of one mission, both cameras."""
-    return f"{mission}#{frame // frames:05d}"
+def block_of(mission: str, position: int, frames: int = BLOCK_FRAMES) -> str:
+    """Return the group of a frame: `frames` that follow each other in one mission, both cameras."""
+    return f"{mission}#{position // frames:05d}"
+
+
+def positions_of(patches: pd.DataFrame) -> I64:
+    """Where each row's frame is in its dive, counted in frames; tables without it have numbers."""
+    return np.asarray(patches["position" if "position" in patches else "frame"])
 
 
 def embargo_of(block_frames: int | None) -> int:
@@ -74,7 +79,7 @@ def blocked_folds(
     Parameters
     ----------
     patches : DataFrame
-        Columns mission, frame, group.
+        Columns mission, group, and position or else frame.
     targets : array of int, shape (n_patches,)
     embargo_frames : int
         Training rows this many frames or fewer from a test frame of the same mission are
@@ -89,10 +94,10 @@ def blocked_folds(
     """
     _check_groups(patches, targets, n_folds)
     classes = np.unique(targets)
-    mission, frame = patches.mission.to_numpy(), patches.frame.to_numpy()
+    mission, position = patches.mission.to_numpy(), positions_of(patches)
     folds = []
     for train, test in _whole_groups(patches.group.to_numpy(), targets, n_folds):
-        kept = train[~_near(mission, frame, train, test, embargo_frames, single_pictures)]
+        kept = train[~_near(mission, position, train, test, embargo_frames, single_pictures)]
         lacking = np.setdiff1d(classes, targets[kept])
         if len(lacking):
             raise ToktError(
@@ -291,14 +296,14 @@ def every_nth_block(patches: pd.DataFrame, targets: I64, n: int, embargo_frames:
     Raises ToktError if no offset leaves every class in both parts.
     """
     names, place = np.unique(patches.group.to_numpy(), return_inverse=True)
-    mission, frame = patches.mission.to_numpy(), patches.frame.to_numpy()
+    mission, position = patches.mission.to_numpy(), positions_of(patches)
     classes = len(np.unique(targets))
     for offset in (1, *range(n)):
         held = (place % n) == offset % n
         train, test = np.flatnonzero(~held), np.flatnonzero(held)
         if not len(test) or len(names) < n:
             continue
-        train = train[~_near(mission, frame, train, test, embargo_frames)]
+        train = train[~_near(mission, position, train, test, embargo_frames)]
         if len(np.unique(targets[train])) == len(np.unique(targets[test])) == classes:
             return Fold(train, test)
     raise ToktError("too few blocks of frames to hold a part of the mission back; label more of it")
@@ -306,7 +311,7 @@ def every_nth_block(patches: pd.DataFrame, targets: I64, n: int, embargo_frames:
 
 def _near(
     mission: NDArray[np.object_],
-    frame: I64,
+    position: I64,
     train: I64,
     test: I64,
     embargo_frames: int,
@@ -315,8 +320,8 @@ def _near(
     """Which training rows lie within the embargo of a test frame."""
     near = np.zeros(len(train), bool)
     for name in set(mission[test]).difference(single_pictures):
-        tested = np.unique(frame[test][mission[test] == name])
-        candidates = frame[train]
+        tested = np.unique(position[test][mission[test] == name])
+        candidates = position[train]
         after = np.searchsorted(tested, candidates).clip(0, len(tested) - 1)
         before = (after - 1).clip(0)
         distance = np.minimum(

@@ -1,7 +1,7 @@
 """Missions with their labels, and folders of ready-cut patches, as plans for a dataset."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ import pandas as pd
 from tokt.features.common.errors import ToktError, counted, os_errors_as
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.image_file import SUFFIXES
-from tokt.features.frames.mission import LEFT, Mission, frame_size, open_mission
+from tokt.features.frames.mission import LEFT, FolderMission, Mission, frame_size, open_mission
 from tokt.features.frames.single_pictures import why_single_pictures
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.formats.options import Remarks
@@ -25,6 +25,7 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.training.options import Notice
 
 from .dataset import BINARY, PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
+from .dive_positions import dive_positions, scene_length
 from .frame_rows import SUFFIX as ROWS
 from .mission_list import named_missions
 from .split import bearable_block, blocks_of
@@ -205,19 +206,28 @@ def plan_from_missions(
     what a person should know: missions that are no sequence, conflicts between annotators.
     """
     sources: list[FrameSource] = []
-    rows: list[tuple[str, str, int, int, int, str | None]] = []
+    rows: list[tuple[str, str, int, int, int, str | None, int]] = []
     remarks: list[str] = []
+    positions: dict[str, dict[int, int]] = {}
     wanted = None if frames is None else set(frames)
     for one in missions:
         merged = merge_annotators(r for r in one.records if wanted is None or r.frame in wanted)
         if merged.conflicts:
             remarks.append(f"{len(merged.conflicts)} patches left out: annotators disagree")
         keys = sorted({(r.camera, r.frame) for r in merged.records if r.label != UNSURE})
+        placed = dive_positions(one.mission)
+        remarks += [placed.remark] if placed.remark else []
+        positions[one.name] = placed.of_frame
         for camera, frame in keys:
             load = partial(one.mission.encoded, frame, camera)
-            sources.append(FrameSource(one.name, camera, frame, "", load))
-        rows += [(one.name, r.camera, r.frame, r.row, r.col, r.label) for r in merged.records]
-    table = pd.DataFrame(rows, columns=_COLUMNS)
+            position, file = placed.of_frame[frame], _file_name(one, frame, camera)
+            source = FrameSource(one.name, camera, frame, "", load, position=position, name=file)
+            sources.append(source)
+        rows += [
+            (one.name, r.camera, r.frame, r.row, r.col, r.label, placed.of_frame[r.frame])
+            for r in merged.records
+        ]
+    table = pd.DataFrame(rows, columns=[*_COLUMNS, "position"])
     sure = table[table.label != UNSURE]
     sites = {one.name: one.site for one in missions if one.site}
     single = {}
@@ -229,14 +239,17 @@ def plan_from_missions(
             f"mission {mission} is taken for single pictures, as {why}: each is a block of its "
             "own. If it is a sequence, give --block 20"
         )
+    scenes = _scene_lengths([one for one in missions if one.name not in single], positions)
     if set(sure.mission) <= set(single):
         block_frames = 1
     if block_frames == 1 and not single:
         single = {one.name: "blocks of one frame were asked for" for one in missions}
     if block_frames is None:
         classes = sure.label.map(taxonomy.is_obstacle) if task == BINARY else sure.label
-        block_frames = bearable_block(sure, pd.factorize(classes)[0], sites, single)
-    keys = pd.DataFrame([(one.mission, one.frame) for one in sources], columns=_COLUMNS[:3:2])
+        scene = max(scenes.values(), default=0)
+        block_frames = bearable_block(sure, pd.factorize(classes)[0], sites, single, scene)
+    remarks += _short_blocks(scenes, block_frames)
+    keys = pd.DataFrame([(s.mission, s.position) for s in sources], columns=["mission", "position"])
     groups = blocks_of(keys, block_frames, single)
     sources = [replace(one, group=group) for one, group in zip(sources, groups, strict=True)]
     plan = DatasetPlan(
@@ -252,8 +265,35 @@ def plan_from_missions(
         sites,
         {one.name: one.mission.masks for one in missions if one.mission.masks},
         single,
+        scenes,
     )
     return plan, remarks
+
+
+def _file_name(one: LabelledMission, frame: int, camera: str) -> str:
+    """The file of a frame, below the mission's folder; empty of a video's."""
+    if not isinstance(one.mission, FolderMission):
+        return ""
+    return one.mission.file(frame, camera).relative_to(one.mission.path).as_posix()
+
+
+def _scene_lengths(
+    missions: Iterable[LabelledMission], positions: Mapping[str, Mapping[int, int]]
+) -> dict[str, int]:
+    """Frames for which a scene stays the same, of missions where that can be measured."""
+    lengths = {one.name: scene_length(one.mission, positions[one.name]) for one in missions}
+    return {name: length for name, length in lengths.items() if length is not None}
+
+
+def _short_blocks(scenes: Mapping[str, int], block_frames: int) -> list[str]:
+    """A remark for each mission whose scene stays the same for longer than a block."""
+    return [
+        f"the scene of mission {name} stays the same for about {length} frames, longer than a "
+        f"block of {block_frames}: near copies are learnt and tested on, and figures flatter. "
+        "Label frames farther apart"
+        for name, length in scenes.items()
+        if length > block_frames
+    ]
 
 
 def _describe_sources(missions: Sequence[LabelledMission]) -> list[str]:
@@ -282,6 +322,8 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
         FrameSource(
             *(row.mission, row.camera, row.frame, row.group, partial(_stored, base, row)),
             known=None if pictured else (row.digest, row.height, row.width),
+            position=row.position,
+            name=row.name,
         )
         for row, pictured in zip(base.frames.itertuples(index=False), base.pictured, strict=True)
     ]
@@ -298,6 +340,7 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
         {**base.sites, **added.sites},
         {**base.masks, **added.masks},
         {**base.info.get("single_pictures", {}), **added.single_pictures},
+        {**base.info.get("scene_frames", {}), **added.scene_frames},
     )
 
 
@@ -321,7 +364,11 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
     table = pd.DataFrame(rows, columns=_COLUMNS)
     sure = table[table.label != UNSURE]
     sources = [
-        FrameSource(mission, "left", n, f"{mission}#{n:07d}", partial(_load, images[n - 1]))
+        FrameSource(
+            *(mission, "left", n, f"{mission}#{n:07d}", partial(_load, images[n - 1])),
+            position=n,
+            name=images[n - 1].relative_to(folder).as_posix(),
+        )
         for n in sure.frame
     ]
     return DatasetPlan(

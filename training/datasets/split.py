@@ -15,6 +15,7 @@ from tokt.features.common.errors import ToktError, counted, naming
 from .dataset import DatasetVersion
 from .folds import (
     BLOCK,
+    BLOCK_FRAMES,
     BLOCK_SIZES,
     DIVE,
     FOLDS,
@@ -30,6 +31,7 @@ from .folds import (
     dive_folds,
     embargo_of,
     held_out_together,
+    positions_of,
     sites_named,
     some_units,
 )
@@ -262,8 +264,8 @@ def too_few_frames(patches: pd.DataFrame, targets: I64, block_frames: int) -> st
     if block_frames == 1:
         return words
     return (
-        f"{words}. A block is {block_frames} consecutive frame numbers: near copies, which count "
-        "as one. If they are single photographs, give tokt dataset build --block 1"
+        f"{words}. A block is {block_frames} frames that follow each other: near copies, which "
+        "count as one. If they are single photographs, give tokt dataset build --block 1"
     )
 
 
@@ -272,23 +274,27 @@ def bearable_block(
     targets: I64,
     sites: Mapping[str, str],
     single_pictures: Mapping[str, str],
+    scene_frames: int = 0,
 ) -> int:
-    """Return the frames of a block: the most of `BLOCK_SIZES` with which there can be three folds.
+    """Return the frames of a block: the most of some sizes with which there can be three folds.
 
-    It is the least of them where there can be none.
+    The sizes are `BLOCK_SIZES`, and before these the frames for which a scene stays the same where
+    it does so for longer. It is the least of them where there can be none.
 
     Parameters
     ----------
     patches : DataFrame
-        Columns mission, frame, label.
+        Columns mission, position, label.
     targets : array of int, shape (n_patches,)
     sites : mapping of str to str
         Site by mission.
     single_pictures : mapping
         Missions whose frames are no sequence: each frame is a block of its own.
+    scene_frames : int
+        Frames for which a scene stays the same.
     """
     by = DIVE if patches.mission.nunique() > 1 else BLOCK
-    for block in BLOCK_SIZES:
+    for block in (*([scene_frames] if scene_frames > BLOCK_FRAMES else []), *BLOCK_SIZES):
         single = tuple(single_pictures)
         split = Split(FOLDS, embargo_of(block), by, sites=sites, single_pictures=single)
         group = blocks_of(patches, block, single_pictures)
@@ -304,8 +310,8 @@ def bearable_block(
 def blocks_of(
     frames: pd.DataFrame, block_frames: int, single_pictures: Collection[str]
 ) -> list[str]:
-    """Return the block of each row of a table with mission and frame, see `block_of`."""
+    """Return the block of each row of a table with mission and position, see `block_of`."""
     return [
-        block_of(mission, frame, 1 if mission in single_pictures else block_frames)
-        for mission, frame in zip(frames.mission, frames.frame, strict=True)
+        block_of(mission, int(position), 1 if mission in single_pictures else block_frames)
+        for mission, position in zip(frames.mission, positions_of(frames), strict=True)
     ]

@@ -27,7 +27,6 @@ from tokt.inference.stereo.disparity import (
     DisparityDetector,
 )
 from tokt.inference.verdict import OBSTACLE
-from tokt.models.operating_point import frame_step
 from tokt.training.datasets.folds import BLOCK_FRAMES
 
 from .metrics import BOUND_CONFIDENCE, upper_bound
@@ -150,11 +149,11 @@ def known_distances(
     Raises ToktError if the mission has no pairs, is not of the calibration's size, or is not what
     the log is of.
     """
-    numbers, step = mission.frames(LEFT), frame_step(mission.frames(LEFT))
+    numbers = mission.frames(LEFT)
     if stated.log:
         _check_log(mission, stated.log)
     if stated.rate is not None:
-        seconds = {number: number / step / stated.rate for number in numbers}
+        seconds = {number: mission.place(number) / stated.rate for number in numbers}
     else:
         seconds = {number: one.t for number, one in stated.log.items() if one.t is not None}
     if stated.calibration is None:
@@ -163,7 +162,10 @@ def known_distances(
     if RIGHT not in mission.cameras:
         raise ToktError(f"mission {mission.name!r} has no right camera: no distance by calibration")
     # With frames before each, from which the detector knows the rig's drift and what is faint.
-    wanted = [n for n in numbers if any(a - GONE_FRAMES * step <= n <= b for a, b in spans)]
+    places = [(mission.place(first), mission.place(last)) for first, last in spans]
+    wanted = [
+        n for n in numbers if any(a - GONE_FRAMES <= mission.place(n) <= b for a, b in places)
+    ]
     policy, measured = SinglePolicy(DisparityDetector(stated.calibration, DEFAULT_GRID)), {}
     source = MissionSource(mission, SYSTEM_CLOCK, wanted)
     for frame in progress(source, len(wanted), "measuring distances"):

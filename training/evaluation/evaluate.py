@@ -23,7 +23,7 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.linear import LinearModel
-from tokt.models.operating_point import frame_step, missed_before
+from tokt.models.operating_point import missed_before
 from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
 from tokt.training.datasets.folds import block_of
@@ -75,7 +75,7 @@ def score_mission(
     Raises ToktError if a frame cannot be read, or its patches cannot be described.
     """
     numbers = chosen_frames(mission, frames, LEFT)
-    missed = missed_before(numbers, frame_step(mission.frames(LEFT)))
+    missed = missed_before([mission.place(number) for number in numbers], 1)
     known = set(bundle.content.trained_on.tolist())
     policy = SinglePolicy(TextureDetector(bundle))
     values, verdicts, seen = [], [], []
@@ -158,7 +158,7 @@ def unknown_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:
 
 
 def _frame_figures(
-    bundle: Bundle, scored: ScoredMission, ocean: list[int], obstacle: list[int], mission: str
+    bundle: Bundle, scored: ScoredMission, ocean: list[int], obstacle: list[int], mission: Mission
 ) -> dict[str, Any]:
     """Statuses against what the labels say a frame holds (`frame_kinds`).
 
@@ -176,8 +176,8 @@ def _frame_figures(
         "ocean_frames": len(ocean),
         "false_status": len(false),
         "false_status_frames": false,
-        "ocean_blocks": len({block_of(mission, number) for number in ocean}),
-        "false_status_blocks": len({block_of(mission, number) for number in false}),
+        "ocean_blocks": len({_block(mission, number) for number in ocean}),
+        "false_status_blocks": len({_block(mission, number) for number in false}),
         "held_status": len(held),
         "held_status_frames": held,
         "obstacle_frames": len(obstacle),
@@ -190,6 +190,11 @@ def _frame_figures(
         "unknown_reasons": unknown_reasons(scored.verdicts),
         "not_judged": len(scored.frames) - len(ocean) - len(obstacle),
     }
+
+
+def _block(mission: Mission, number: int) -> str:
+    """The frames that count as one with a frame, as near copies of each other."""
+    return block_of(mission.name, mission.place(number) + 1)
 
 
 def classes_and_targets(
@@ -278,7 +283,7 @@ def _part(
     cell = np.array([record.row * bundle.grid.cols + record.col for record in sure])
     in_view = one.patches_in_view(bundle.grid)
     ocean, obstacle = frame_kinds(scored.frames, merged.records, taxonomy, in_view)
-    figures = _frame_figures(bundle, scored, ocean, obstacle, name)
+    figures = _frame_figures(bundle, scored, ocean, obstacle, one.mission)
     spans = approaches(scored.frames, set(ocean), set(obstacle))
     ranges = known_distances(one.mission, spans, stated, progress)
     series = scored.frames, scored.missed, scored.status

@@ -20,7 +20,7 @@ from tokt.models.operating_point import (
     frame_step,
     missed_before,
 )
-from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
+from tokt.training.datasets.dataset import DIVE_ORDER, FRAME_KEY, DatasetVersion
 from tokt.training.datasets.folds import block_of
 
 from .approaches import KnownDistances, approach_figures, approaches, false_status_per_hour
@@ -30,7 +30,7 @@ from .approaches import KnownDistances, approach_figures, approaches, false_stat
 class FrameTable:
     """The labelled frames of a dataset, by mission, camera and number."""
 
-    keys: pd.DataFrame  # columns mission, camera, frame, group; one row a frame
+    keys: pd.DataFrame  # columns mission, camera, frame, group, position; one row a frame
     of_patch: I64  # (n_patches,): row of `keys` for each patch of the dataset
     obstacles: I64  # (n_frames,): patches labelled as an obstacle
     # (n_frames,): every patch is labelled, as clear. Never so in a dataset of single patches.
@@ -54,7 +54,7 @@ def frame_names(frames: pd.DataFrame) -> list[str]:
 
 def frame_table(dataset: DatasetVersion) -> FrameTable:
     """The frames of a dataset."""
-    grouped = dataset.patches.assign(obstacle=dataset.obstacles()).groupby(FRAME_KEY)
+    grouped = dataset.patches.assign(obstacle=dataset.obstacles()).groupby(DIVE_ORDER)
     of_patch = grouped.ngroup().to_numpy(np.int64)
     found = grouped.agg(
         obstacles=("obstacle", "sum"), n=("obstacle", "size"), group=("group", "first")
@@ -66,7 +66,7 @@ def frame_table(dataset: DatasetVersion) -> FrameTable:
     whole = (found.n == sizes.pop("view").to_numpy()) & (dataset.block_frames is not None)
     least = cache(lambda *size: min_mask_patches(grid, *grid.resized(*size)))
     return FrameTable(
-        found[[*FRAME_KEY, "group"]],
+        found[[*FRAME_KEY, "group", "position"]],
         of_patch,
         found.obstacles.to_numpy(np.int64),
         (whole & (found.obstacles == 0)).to_numpy(bool),
@@ -78,8 +78,8 @@ def frame_table(dataset: DatasetVersion) -> FrameTable:
 def _places(found: pd.DataFrame) -> I64:
     places, last = np.zeros(len(found), np.int64), -MAX_WINDOW
     for rows in found.groupby(["mission", "camera"]).indices.values():
-        numbers = found.frame.to_numpy()[rows].tolist()
-        missed = np.asarray(missed_before(numbers, frame_step(numbers)), np.int64)
+        positions = found.position.to_numpy()[rows].tolist()
+        missed = np.asarray(missed_before(positions, frame_step(positions)), np.int64)
         # More missing frames than any window holds are as good as that many.
         steps = 1 + np.minimum(missed, MAX_WINDOW)
         places[rows] = last + MAX_WINDOW + np.cumsum(steps)
@@ -173,7 +173,7 @@ def frame_figures(
         said[of_frame == index] = found[of_frame == index]
     judged = of_frame >= 0
     ocean, obstacle = frames.ocean & judged, (frames.obstacles > 0) & judged
-    keys = frames.keys[["mission", "frame"]].itertuples(index=False, name=None)
+    keys = frames.keys[["mission", "position"]].itertuples(index=False, name=None)
     blocks = np.array([block_of(*key) for key in keys], object)
     three = windowed(said[:, None].astype(np.float64), frames.place, 3, 3)[:, 0] == 1
     followed_by_two = np.append(three[2:], [False, False])[: len(frames)]
@@ -210,7 +210,8 @@ def _approaches(
     for (mission, camera), rows in frames.keys.groupby(["mission", "camera"]).indices.items():
         numbers = frames.keys.frame.to_numpy()[rows]
         spans = approaches(numbers.tolist(), *({*numbers[of[rows]]} for of in (ocean, obstacle)))
-        missed = missed_before(numbers.tolist(), frame_step(numbers.tolist()))
+        positions = frames.keys.position.to_numpy()[rows].tolist()
+        missed = missed_before(positions, frame_step(positions))
         status = np.where(said[rows], OBSTACLE, CLEAR).tolist()
         told = numbers.tolist(), missed, status, spans, KnownDistances(), None
         names = {"mission": str(mission), "camera": str(camera)}
@@ -220,6 +221,7 @@ def _approaches(
 
 def _first(frames: FrameTable, chosen: Bools) -> dict[str, int | None]:
     """Return the first chosen frame of each mission, of whichever camera."""
-    marked = frames.keys[FRAME_KEY].assign(number=frames.keys.frame.where(chosen))
-    first = marked.groupby("mission").number.min()
-    return {str(name): None if np.isnan(at) else int(at) for name, at in first.items()}
+    found: dict[str, int | None] = {str(name): None for name in frames.keys.mission.unique()}
+    in_order = frames.keys[chosen].sort_values(["mission", "position"])
+    first = in_order.drop_duplicates("mission")
+    return found | {str(row.mission): int(row.frame) for row in first.itertuples()}

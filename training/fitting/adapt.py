@@ -178,9 +178,9 @@ def adapted_request(
 class _NewDive:
     """The new dive in the dataset, and models of the old dives and some of its frames.
 
-    Its frames are named by their place in `frames`. `unseen[i, j]`: whether a model that learnt
-    from frame i has not as good as seen frame j, its copy, its neighbour or one of an old dive's
-    block. `before` are the old model's scores.
+    Its frames are named by their place in `frames`, which are positions in the dive.
+    `unseen[i, j]`: whether a model that learnt from frame i has not as good as seen frame j, its
+    copy, its neighbour or one of an old dive's block. `before` are the old model's scores.
     """
 
     def __init__(
@@ -201,13 +201,13 @@ class _NewDive:
         self.sister = (site == sites.get(name, name)).to_numpy()  # of the same site
         self.rows, self.old_rows = np.flatnonzero(mine), np.flatnonzero(~mine)
         self.group = self.patches.group.to_numpy()
-        self.frames, self.place = np.unique(self.patches.frame[mine], return_inverse=True)
+        self.frames, self.place = np.unique(self.patches.position[mine], return_inverse=True)
         copied = np.isin(self.group[mine], self.group[~mine])
         self.testable = ~np.isin(np.arange(len(self.frames)), self.place[copied])
         self.listed = self.dataset.frames[self.dataset.frames.mission == name]
         near = 0 if name in request.split.single_pictures else request.split.embargo_frames
         unseen = np.abs(self.frames[:, None] - self.frames) > near
-        for _, numbers in self.listed.groupby("digest").frame:
+        for _, numbers in self.listed.groupby("digest").position:
             same = np.isin(self.frames, numbers)
             unseen &= ~np.outer(same, same)
         self.unseen = unseen & self.testable
@@ -424,7 +424,7 @@ def _orders(dive: _NewDive, bundle: Bundle, draws: int) -> list[list[int]]:
     ]
     known = MissionSuggestions(
         dive.listed.camera.to_numpy(str),
-        dive.listed.frame.to_numpy(np.int64),
+        dive.listed.position.to_numpy(np.int64),
         np.stack(
             [suggestions(bundle.model, bundle.values_alone(rows)).values for rows in described]
         ),

@@ -24,7 +24,7 @@ from tokt.models.distribution import (
     ks_distances,
     quantile_edges,
 )
-from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
+from tokt.training.datasets.dataset import DIVE_ORDER, FRAME_KEY, DatasetVersion
 
 NOVEL_RATE = 0.01
 """Part of the frames of known water that may be called unknown for a patch unlike all learnt."""
@@ -74,7 +74,7 @@ def training_distribution(
         return None
     length = min(dataset.block_frames, MAX_WINDOW_FRAMES)
     rows = np.arange(len(features)) if rows is None else rows
-    grouped = dataset.patches.iloc[rows].groupby(FRAME_KEY)
+    grouped = dataset.patches.iloc[rows].groupby(DIVE_ORDER)
     of_patch = grouped.ngroup().to_numpy(np.int64)
     sizes = grouped.size()
     windows = _windows(sizes.index.to_frame(index=False), sizes.to_numpy(), length, embargo_frames)
@@ -99,10 +99,10 @@ def training_distribution(
 
 @dataclass(frozen=True)
 class _Windows:
-    """Windows of frames, which are rows of one table sorted by mission, camera and number."""
+    """Windows of frames, which are rows of one table in the order of `DIVE_ORDER`."""
 
     mission: I64  # (n_windows,)
-    number: I64  # (n_windows,): the first frame's
+    number: I64  # (n_windows,): the first frame's position
     first: I64  # (n_windows,): rows of the window's frames: from `first` to before `last`
     last: I64
     # (n_cameras, 2, n_windows): of each camera the rows, from and to before, that the window is not
@@ -112,7 +112,7 @@ class _Windows:
 
 def _windows(frames: pd.DataFrame, patches: I64, length: int, embargo: int) -> _Windows:
     """All windows of sorted frames that are full enough and leave enough to compare with."""
-    numbers = frames.frame.to_numpy(np.int64)
+    numbers = frames.position.to_numpy(np.int64)
     mission = pd.factorize(frames.mission)[0]
     camera = frames.groupby(["mission", "camera"]).ngroup().to_numpy()
     ends = np.append(np.flatnonzero(np.diff(camera)) + 1, len(frames))

@@ -64,11 +64,12 @@ def plan_of_rows(
             rows.append(FrameRows(digest, features[whole.at[frame]], *stored))
         file = rows_file(rows, extractor.spec, changes)
         for frame, one in zip(kept, rows, strict=True):
-            mission, camera, number, group = keys.loc[frame]
+            mission, camera, number, group, position = keys.loc[frame]
             about = listed.loc[mission, camera, number]
             known = one.digest, int(about.height), int(about.width)
             load = partial(_encoded, file)
-            sources.append(FrameSource(mission, camera, number, group, load, known))
+            where = int(position), str(about["name"])
+            sources.append(FrameSource(mission, camera, number, group, load, known, *where))
     kept_keys = pd.DataFrame([(one.mission, one.camera, one.frame) for one in sources])
     patches = dataset.patches.merge(kept_keys.set_axis(FRAME_KEY, axis=1), on=FRAME_KEY)
     return DatasetPlan(
@@ -83,6 +84,7 @@ def plan_of_rows(
         [*dataset.info["sources"], f"at most {frames_a_dive} frames a dive, as rows of features"],
         dataset.sites,
         single_pictures=dataset.info.get("single_pictures", {}),
+        scene_frames=dataset.info.get("scene_frames", {}),
     )
 
 

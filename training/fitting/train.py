@@ -272,7 +272,7 @@ def _blocks_in_words(dataset: DatasetVersion, split: Split) -> str:
             f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over blocks of "
             f"{dataset.block_frames} consecutive frames, which are near copies and are held out "
             f"together. Training frames within {split.embargo_frames} frames of a test frame are "
-            "left out."
+            f"left out.{_positions_in_words(dataset)}"
         )
     if split.folds < FOLDS:
         words += (
@@ -280,6 +280,18 @@ def _blocks_in_words(dataset: DatasetVersion, split: Split) -> str:
             "labelled blocks, and the registered one from all: it is mostly better."
         )
     return words
+
+
+def _positions_in_words(dataset: DatasetVersion) -> str:
+    """What blocks are counted in, and how long a scene stays the same."""
+    if not dataset.has_positions:
+        return (
+            " Frames are counted by their numbers, as the dataset is of an older tokt: built again "
+            "they are counted in the order of the dive."
+        )
+    scenes = dataset.info.get("scene_frames", {})
+    words = ", ".join(f"{length} ({name})" for name, length in scenes.items())
+    return f" Frames for which a scene stays the same: {words}." if words else ""
 
 
 _DECIDED = (

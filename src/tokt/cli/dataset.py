@@ -133,5 +133,10 @@ def _show(dataset: DatasetVersion) -> None:
     print(f"  task {info['task']}, {info['unsure_left_out']} unsure patches left out")
     for source in info["sources"]:
         print(f"  from {source}")
+    if not dataset.has_positions:
+        print("  blocks count frame numbers: built by an older tokt")
+    if scenes := info.get("scene_frames"):
+        words = ", ".join(f"{length} ({name})" for name, length in scenes.items())
+        print(f"  frames for which a scene stays the same: {words}")
     if dataset.sites:
         print(f"  sites: {', '.join(f'{name} {site}' for name, site in dataset.sites.items())}")

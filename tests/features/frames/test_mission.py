@@ -88,11 +88,9 @@ def test_refused_folders(tmp_path):
     refuses("no frames", open_mission, tmp_path)
     _write(tmp_path / "only right" / "Right" / "r_1.png", 1)
     refuses("no frames", open_mission, tmp_path / "only right")
-    _write(tmp_path / "unnumbered" / "cover.png", 1)
-    refuses("frame number", open_mission, tmp_path / "unnumbered")
-    for name in ("a_07.png", "b_7.png"):
-        _write(tmp_path / "twice" / name, 1)
-    refuses("both frame 7", open_mission, tmp_path / "twice")
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "raw" / "1.dng").write_bytes(b"II*")
+    refuses(r"it has 1 picture of a kind .* \(.dng\)", open_mission, tmp_path / "raw")
     (tmp_path / "labels.csv").write_text("mission,frame\n")
     refuses("neither", open_mission, tmp_path / "labels.csv")
 

@@ -106,7 +106,7 @@ def test_dives_of_its_own_decide_where_mission_names_them(registered, tiny_dive,
 
     found = promoted(BAD, tmp_path / "long", 180)
     assert found["outcome"] == "refused" and found["faults"][0].startswith("worse on dive later")
-    found = promoted(SAME, tmp_path / "short", 140)
+    found = promoted(SAME, tmp_path / "short", 139)
     assert found["mode"] == "mission" and found["table"][0]["dive"] == "later"
     # Two blocks show nothing, and what shows nothing lets nothing through.
     assert found["table"][0]["remark"] == "2 blocks are too few to tell"
@@ -225,13 +225,13 @@ def test_false_statuses_beyond_the_rate_are_a_fault(judged):
 def test_a_status_that_a_rule_holds_on_to_is_no_false_one(judged):
     kind = ["ocean", "obstacle", "ocean", "ocean", "ocean", "neither", "ocean", "ocean"]
     table = judged.series.table.iloc[:8].assign(
-        kind=kind, frame=[1, 2, 3, 4, 5, 6, 7, 7], camera=["left"] * 7 + ["right"], mission="a"
+        kind=kind, position=[1, 2, 3, 4, 5, 6, 7, 7], camera=["left"] * 7 + ["right"], mission="a"
     )
     series = FrameSeries.of(table, {"a": 1})
     for window, apart in {1: [0, 2, 3, 4, 6, 7], 3: [0, 4, 6, 7], 9: [0, 7]}.items():
         assert np.flatnonzero(series.ocean_apart(window)).tolist() == apart
     # A missing frame counts among those of the window.
-    series = FrameSeries.of(table.assign(frame=[1, 2, 5, 6, 7, 8, 9, 9]), {"a": 1})
+    series = FrameSeries.of(table.assign(position=[1, 2, 5, 6, 7, 8, 9, 9]), {"a": 1})
     assert np.flatnonzero(series.ocean_apart(3)).tolist() == [0, 2, 3, 4, 6, 7]
 
 

@@ -223,7 +223,8 @@ def test_plain_pandas_reads_the_tables(trained):
     (folder,) = (trained / "datasets" / "tiny").glob("*/")
     patches = pd.read_parquet(folder / "patches.parquet")
     frames = pd.read_parquet(folder / "frames.parquet")
-    assert list(patches) == ["mission", "camera", "frame", "row", "col", "label", "group"]
+    names = ("mission", "camera", "frame", "row", "col", "label", "group", "position")
+    assert tuple(patches) == names
     assert len(frames) == 40
     assert set(frames.file) == {path.name for path in (folder / "frames").iterdir()}
     joined = patches.merge(frames, on=["mission", "camera", "frame"], suffixes=("", "_of_frame"))
@@ -387,11 +388,14 @@ def test_a_format_1_dataset_opens(format_1, monkeypatch):
     assert (dataset.read_frame(1) == 80).all()
     assert dataset.grid == Grid(1, 1, None)
     assert dataset.sites == {}
+    # Blocks and gaps mean what they meant: they count the numbers.
+    assert not dataset.has_positions
+    assert dataset.patches.position.tolist() == dataset.frames.position.tolist() == [1, 2]
 
 
 def test_a_newer_format_is_refused(format_1):
     path = open_dataset("old", format_1).path / "dataset.json"
-    path.write_text(path.read_text("utf-8").replace('"format_version": 1', '"format_version": 2'))
+    path.write_text(path.read_text("utf-8").replace('"format_version": 1', '"format_version": 3'))
     refuses("newer than this tokt reads", open_dataset, "old", format_1)
 
 
@@ -429,7 +433,7 @@ def test_a_class_in_few_places_is_warned_of_when_built(tiny, tiny_truth, tmp_pat
     assert [line for line in ran.err.splitlines() if line.startswith("WARNING")] == [
         "WARNING: training takes 6 labelled frames or more, and each class in 3 blocks of them; "
         "there are 40 labelled frames. Label 2 more, 1 with sand and 2 with reef. A block is 4 "
-        "consecutive frame numbers: near copies, which count as one. If they are single "
+        "frames that follow each other: near copies, which count as one. If they are single "
         "photographs, give tokt dataset build --block 1"
     ]
 

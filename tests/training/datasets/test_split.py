@@ -101,7 +101,7 @@ def test_what_is_lacking_is_counted_and_named():
     )
     apart, of_class = patches_of({n: [WATER, REEF] for n in (1, 2, 3, 21, 41)})
     words = too_few_frames(apart.assign(group=blocks_of(apart, 20, ())), of_class, 20)
-    assert "there are 5 labelled frames. Label 1 more. A block is 20 consecutive" in words
+    assert "there are 5 labelled frames. Label 1 more. A block is 20 frames" in words
     assert words.endswith("If they are single photographs, give tokt dataset build --block 1")
 
 

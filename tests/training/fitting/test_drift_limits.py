@@ -30,6 +30,7 @@ def table(seed=0):
                 level = np.sin(number / 7)
                 features.append([level + rng.normal(), rng.integers(0, 3), 5.0])
     patches = pd.DataFrame(rows, columns=["mission", "camera", "frame", "row"])
+    patches["position"] = patches.frame
     return SimpleNamespace(block_frames=LENGTH, patches=patches), np.array(features, float)
 
 

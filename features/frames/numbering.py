@@ -1,0 +1,205 @@
+"""Order, pairs and numbers of a mission's picture files, by their whole names.
+
+A number in a name is no time, and may be there twice: ``T1-01.jpg`` and ``T2-01.jpg``, or pictures
+named by seconds and fractions of them. Files are ordered by all the numbers in their names, and
+then by the text. A left and a right picture are a pair where their names are the same, but for what
+is the same in all names of a camera.
+
+A frame's number is the one that its file's name ends in, where this tells all frames apart. Where
+it does not, numbers are given once, and kept beside the frames as ``tokt_frames.json``::
+
+    {"format": 1, "numbers": {"left": {"T1-01.jpg": 1, "T2-01.jpg": 2}}}
+"""
+
+import itertools
+import json
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from tokt.features.common.atomic import write_text
+from tokt.features.common.errors import ToktError, check_format
+from tokt.features.common.names import same_text
+
+RECORD = "tokt_frames.json"
+FORMAT = 1
+"""To change the format: raise this, keep reading the older ones, and prove it with a test."""
+LAST_FRAME = 2**63 - 1
+"""The largest number: nanoseconds since 1970 fit, and databases and tables hold it."""
+
+_SMALL = 10**9  # numbers that are given are no larger, whatever names end in
+_AT_END = re.compile(r"[0-9]+$")
+_NUMBERS = re.compile(r"[0-9]{9,}\.[0-9]+|[0-9]+")  # seconds since 1970 with a fraction, or any
+_PARTS = re.compile(r"[0-9]+|[^0-9]+")
+_SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])")
+
+Files = dict[str, list[Path]]
+"""Picture files of each camera."""
+Key = tuple[object, ...]
+
+
+def natural_order(path: Path) -> tuple[list[tuple[int, str]], str, str]:
+    """Return what a file is sorted by: all numbers in its name as numbers, then the text.
+
+    ``CAM-1_20190513_235950`` is before ``CAM-1_20190514_000000``, and ``1461155400.923`` before
+    ``1461155401.1``.
+    """
+    stem = same_text(path.stem)
+    numbers = [text.partition(".") for text in _NUMBERS.findall(stem)]
+    # A fraction is compared digit by digit: .25 is before .5.
+    return [(int(whole), part) for whole, _, part in numbers], stem.casefold(), path.name
+
+
+def numbered_files(mission: Path, files: Files) -> dict[str, dict[int, Path]]:
+    """Return each camera's files by frame number, in the dive's order.
+
+    Raises ToktError if the mission's record of numbers is damaged or of a newer format.
+    """
+    keys = {camera: _keys(files, camera) for camera in files}
+    given = _read_record(mission)
+    numbers = None if given else _numbers_in_names(files, keys)
+    if numbers is None:
+        numbers = _given_numbers(files, keys, given)
+        # All that were ever given: the number of a file that is gone is no other file's.
+        kept = {camera: {**given.get(camera, {}), **some} for camera, some in numbers.items()}
+        if {**given, **kept} != given:
+            _keep_record(mission, {**given, **kept})
+    return {
+        camera: {
+            numbers[camera][same_text(path.name)]: path for path in sorted(paths, key=natural_order)
+        }
+        for camera, paths in files.items()
+    }
+
+
+def dive_order(files: Mapping[str, Mapping[int, Path]]) -> dict[int, int]:
+    """Return the place of each frame number in the dive, from 0, over all cameras."""
+    order = {}
+    for numbered in files.values():
+        order.update({number: natural_order(path)[:2] for number, path in numbered.items()})
+    ranked = sorted(order, key=lambda number: (order[number], number))
+    return {number: place for place, number in enumerate(ranked)}
+
+
+def _keys(files: Files, camera: str) -> dict[str, Key]:
+    """What a pair has in common, by file name."""
+    parts = {side: [_split(path) for path in paths] for side, paths in files.items()}
+    every = [each for some in parts.values() for each in some]
+    shapes = {tuple(type(part) for part in each) for each in every}
+    mine = zip(files[camera], parts[camera], strict=True)
+    if len(shapes) > 1:
+        return {
+            same_text(path.name): tuple(
+                part if isinstance(part, int) else _SIDES.sub("", part) for part in each
+            )
+            for path, each in mine
+        }
+    told = [
+        any(len({each[place] for each in some}) > 1 for some in parts.values())
+        for place in range(len(every[0]) if every else 0)
+    ]
+    return {
+        same_text(path.name): tuple(part for part, tells in zip(each, told, strict=True) if tells)
+        for path, each in mine
+    }
+
+
+def _split(path: Path) -> list[int | str]:
+    stem = same_text(path.stem).casefold()
+    return [int(part) if part[0] in "0123456789" else part for part in _PARTS.findall(stem)]
+
+
+def _number(name: str) -> int | None:
+    """The number that a file's name ends in, where one does that a table can hold."""
+    match = _AT_END.search(Path(name).stem)
+    number = int(match[0]) if match and len(match[0]) <= len(str(LAST_FRAME)) else None
+    return number if number is not None and number <= LAST_FRAME else None
+
+
+def _numbers_in_names(
+    files: Files, keys: Mapping[str, Mapping[str, Key]]
+) -> dict[str, dict[str, int]] | None:
+    """The numbers that names end in; None where these do not tell all frames apart."""
+    frames: set[tuple[int | None, Key]] = set()
+    found: dict[str, dict[str, int]] = {}
+    for camera, paths in files.items():
+        mine = {name: _number(name) for name in (same_text(path.name) for path in paths)}
+        frames.update((number, keys[camera][name]) for name, number in mine.items())
+        found[camera] = {name: number for name, number in mine.items() if number is not None}
+        if len(set(found[camera].values())) < len(paths):
+            return None
+    numbers, names = ({each[place] for each in frames} for place in (0, 1))
+    return found if len(numbers) == len(names) == len(frames) else None
+
+
+def _given_numbers(
+    files: Files, keys: Mapping[str, Mapping[str, Key]], given: Mapping[str, Mapping[str, int]]
+) -> dict[str, dict[str, int]]:
+    """The numbers that were given, and one more for each frame that is new.
+
+    A frame keeps the number in its name where no other frame has it. A number that several have is
+    none of theirs: labels with it may be of any of them.
+    """
+    pictures = [(natural_order(path), camera, path) for camera in files for path in files[camera]]
+    names = ((camera, same_text(path.name)) for _, camera, path in sorted(pictures))
+    frames = list(dict.fromkeys(keys[camera][name] for camera, name in names))
+    by_key = {
+        keys[camera][name]: number
+        for camera, some in given.items()
+        for name, number in some.items()
+        if name in keys.get(camera, {})
+    }
+    in_names: dict[Key, set[int | None]] = {}
+    for some in keys.values():
+        for name, key in some.items():
+            in_names.setdefault(key, set()).add(_number(name))
+    shared = Counter(number for numbers in in_names.values() for number in numbers)
+    used = {number for some in given.values() for number in some.values()} | set(shared)
+    for key in frames:
+        (number, *others) = in_names[key]
+        if not (given or number is None or others) and shared[number] == 1:
+            by_key[key] = number
+    small = (number for number in used if number is not None and number < _SMALL)
+    free = itertools.count(max(small, default=0) + 1)
+    for key in frames:
+        if key not in by_key:
+            by_key[key] = next(number for number in free if number not in used)
+    return {
+        camera: {name: by_key[key] for name, key in some.items()} for camera, some in keys.items()
+    }
+
+
+def _read_record(mission: Path) -> dict[str, dict[str, int]]:
+    file = mission / RECORD
+    try:
+        value: Any = json.loads(file.read_bytes())
+        check_format(value["format"], FORMAT, f"record of frame numbers {file}")
+        found = {str(camera): dict(some) for camera, some in value["numbers"].items()}
+        if not all(_are_numbers(some.values()) for some in found.values()):
+            raise ValueError(file)
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise ToktError(f"record of frame numbers {file}: {error.strerror or error}") from None
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise ToktError(
+            f"record of frame numbers {file} is damaged: bring it back from a copy, as labels go"
+            " by its numbers"
+        ) from None
+    return found
+
+
+def _are_numbers(values: Iterable[Any]) -> bool:
+    numbers = list(values)
+    whole = all(type(number) is int and 0 <= number <= LAST_FRAME for number in numbers)
+    return whole and len(set(numbers)) == len(numbers)
+
+
+def _keep_record(mission: Path, numbers: Mapping[str, Mapping[str, int]]) -> None:
+    text = json.dumps({"format": FORMAT, "numbers": numbers}, ensure_ascii=False, indent=1)
+    # On a disc or share that cannot be written the same files give the same numbers again.
+    with suppress(OSError):
+        write_text(mission / RECORD, text + "\n")

@@ -1,0 +1,148 @@
+import json
+import random
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.calls import refuses
+from tokt.features.frames.mission import LEFT, RIGHT, open_mission
+from tokt.features.frames.numbering import RECORD, natural_order
+
+PICTURE = cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes()
+
+
+def put(folder, *names):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).write_bytes(PICTURE)
+    return folder
+
+
+def names_of(mission, camera=LEFT):
+    """File names by frame number, in the mission's order."""
+    return {number: mission.file(number, camera).name for number in mission.frames(camera)}
+
+
+def test_order_is_that_of_the_whole_name_and_numbers_stay(tmp_path):
+    """A dive over midnight, times with fractions, nanoseconds."""
+    dives = {
+        "midnight": [
+            "A-1_20190513_235950.png",
+            "A-1_20190513_235955.png",
+            "A-1_20190514_000005.png",
+        ],
+        "seconds": ["1461155400.923456.png", "1461155401.023456.png", "1461155401.123456.png"],
+        "unequal": ["1461155400.25.png", "1461155400.5.png", "1461155401.0625.png"],
+        "nanoseconds": ["1403636579763555584.png", "1403636579813555456.png"],
+        "plain": ["dive_2.png", "dive_10.png", "dive_100.png"],
+    }
+    for name, files in dives.items():
+        mission = open_mission(put(tmp_path / name, *random.Random(1).sample(files, len(files))))
+        assert list(names_of(mission).values()) == files
+        assert [mission.place(number) for number in mission.frames()] == [*range(len(files))]
+        assert not (tmp_path / name / RECORD).exists()
+    assert open_mission(tmp_path / "midnight").frames() == [235950, 235955, 5]
+    assert open_mission(tmp_path / "nanoseconds").frames()[0] == 1403636579763555584
+
+
+@given(st.lists(st.integers(0, 10**12), min_size=1, max_size=20, unique=True), st.integers(0, 9))
+def test_names_that_end_in_different_numbers_are_in_their_order(numbers, width):
+    names = [f"dive_1_{number:0{width}d}.png" for number in numbers]
+    ordered = sorted(map(Path, names), key=natural_order)
+    assert ordered == sorted(ordered, key=lambda path: int(path.stem.rpartition("_")[2]))
+
+
+AMBIGUOUS = ["T1-01.png", "T1-02.png", "T2-01.png", "T2-02.png", "IMG_0007.png", "IMG_0007 (1).png"]
+AMBIGUOUS += ["GP_000123_rect_color.png", "20190513T101112.123Z.png"]
+
+
+@given(st.lists(st.sampled_from(AMBIGUOUS), min_size=2, unique=True), st.randoms())
+def test_a_number_is_given_once_and_stays_whatever_is_added(tmp_path_factory, names, rng):
+    """Files come one after the other, in any order; each keeps the first number it was seen with."""
+    folder = tmp_path_factory.mktemp("growing") / "dive"
+    given_numbers = {}
+    for name in names:
+        mission = open_mission(put(folder, name))
+        now = {file: number for number, file in names_of(mission).items()}
+        kept = (folder / RECORD).exists()
+        for file, number in now.items():
+            if kept and file in given_numbers:
+                assert number == given_numbers[file]
+        assert len(set(now.values())) == len(now)
+        given_numbers = now if kept else {}
+        if len(now) > 1 and rng.random() < 0.3:
+            (folder / rng.choice(sorted(now))).unlink()
+    places = [mission.place(number) for number in mission.frames()]
+    assert places == [*range(len(places))]
+
+
+def test_a_number_that_two_files_end_in_is_neither_s(tmp_path):
+    """Labels with it may be of either: they find no frame, and land on no wrong one."""
+    dive = put(tmp_path / "dive", "T1-01.png", "T1-02.png", "T1-05.png")
+    assert names_of(open_mission(dive)) == {1: "T1-01.png", 2: "T1-02.png", 5: "T1-05.png"}
+    put(dive, "T0-01.png", "T0-02.png")
+    assert names_of(open_mission(dive)) == {
+        6: "T0-01.png",
+        7: "T0-02.png",
+        8: "T1-01.png",
+        9: "T1-02.png",
+        5: "T1-05.png",
+    }
+    put(dive, "T0-03.png")  # in the middle of the folder
+    assert names_of(open_mission(dive))[10] == "T0-03.png"
+    assert list(names_of(open_mission(dive)))[:3] == [6, 7, 10]
+    (dive / "T1-02.png").unlink()
+    put(dive, "T3-01.png")
+    assert names_of(open_mission(dive))[11] == "T3-01.png"  # not that of the file that is gone
+
+
+def test_pairs_are_by_whole_name(tmp_path):
+    left = ["1461155400.923.png", "1461155401.023.png", "1461155402.923.png"]
+    right = ["1461155400.925.png", "1461155401.925.png", "1461155402.023.png"]
+    put(tmp_path / "stamps" / "Left", *left)
+    put(tmp_path / "stamps" / "Right", *right)
+    stamps = open_mission(tmp_path / "stamps")
+    assert not set(stamps.frames(LEFT)) & set(stamps.frames(RIGHT))
+    for names in (
+        ("tokt1_L_{}.png", "tokt1_R_{}.png"),
+        ("cam0_{}.png", "cam1_{}.png"),
+        ("{}.png", "{}.png"),
+        ("T1-{}_left.png", "T1-{}_right.png"),
+    ):
+        folder = tmp_path / names[0].format("x")
+        for side, name in zip(("Left", "Right"), names, strict=True):
+            numbers = (n for n in range(1, 12) if (side, n) != ("Right", 5))
+            put(folder / side, *(name.format(f"{n:02}") for n in numbers))
+        mission = open_mission(folder)
+        assert len(mission.frames(LEFT)) == 11 and len(mission.frames(RIGHT)) == 10
+        assert set(mission.frames(RIGHT)) < set(mission.frames(LEFT)), names
+    over_midnight = tmp_path / "over_midnight"
+    put(over_midnight / "Left", "L_20190513_235959.png", "L_20190514_000000.png")
+    put(over_midnight / "Right", "R_20190514_000000.png")
+    mission = open_mission(over_midnight)
+    assert (mission.frames(LEFT), mission.frames(RIGHT)) == ([235959, 0], [0])
+
+
+def test_yesterdays_record_is_read_and_others_are_refused(tmp_path):
+    dive = put(tmp_path / "dive", "T1-01.png", "T2-01.png")
+    record = dive / RECORD
+    record.write_text('{"format": 1, "numbers": {"left": {"T2-01.png": 40, "gone.png": 41}}}')
+    assert names_of(open_mission(dive)) == {42: "T1-01.png", 40: "T2-01.png"}
+    assert json.loads(record.read_text())["numbers"]["left"]["gone.png"] == 41
+    record.write_text('{"format": 2, "numbers": {}}')
+    refuses("newer than this tokt reads", open_mission, dive)
+    for text in ("", "{", "[]", '{"format": 1, "numbers": {"left": {"a": 1, "b": 1}}}'):
+        record.write_text(text)
+        refuses("record of frame numbers .* is damaged", open_mission, dive)
+
+
+@pytest.mark.parametrize("ending", ["webp", "jp2", "jfif", "gif"])
+def test_pictures_of_other_kinds_are_frames_too(tmp_path, ending):
+    image = np.full((48, 64, 3), 90, np.uint8)
+    kind = ".jpg" if ending == "jfif" else f".{ending}"
+    (tmp_path / f"1.{ending}").write_bytes(cv2.imencode(kind, image)[1].tobytes())
+    assert open_mission(tmp_path).read(1).shape == (48, 64, 3)
