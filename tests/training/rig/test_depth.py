@@ -218,7 +218,7 @@ def rows_of(depths):
 def test_three_in_a_row_make_a_detection():
     alone = rows_of({1: 5.0, 2: 5.0, 3: None, 4: 5.0, 5: 5.0, 7: 5.0})
     assert detected_span(alone) is None
-    assert detected_span(rows_of({1: 5.0, 3: 5.0, 5: 5.0, 7: None}), step=2) == (1, 5)
+    assert detected_span(rows_of({1: 5.0, 3: 5.0, 5: 5.0, 7: None}), lambda n: n // 2) == (1, 5)
     found = summary(rows_of({4: 5.0, 5: 5.0, 6: 5.0, 7: None, 9: 5.0, 10: 5.0, 11: 5.0}))
     assert found["detected"] == [4, 11] and found["gaps"] == {"count": 1, "frames": "7"}
     assert found["clear_valid_fraction"] is None

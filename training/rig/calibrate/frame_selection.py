@@ -26,12 +26,15 @@ MAX_FRAMES = 100
 
 def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list[int]:
     """Frames that both cameras have, or the wanted ones of these; ToktError if there is none."""
-    both = sorted(set(mission.frames(LEFT)) & set(mission.frames(RIGHT)))
+    both = sorted(set(mission.frames(LEFT)) & set(mission.frames(RIGHT)), key=mission.place)
     if not both:
-        raise ToktError(f"mission {mission.path} has no frames of two cameras (Left/ and Right/)")
+        raise ToktError(
+            f"mission {mission.path} has no pairs: a left and a right picture in Left/ and Right/ "
+            "are one where their names are the same"
+        )
     if wanted is None:
         return both
-    chosen = sorted(set(wanted) & set(both))
+    chosen = [number for number in both if number in set(wanted)]
     if not chosen:
         raise ToktError(f"none of these frames is in both cameras of mission {mission.path}")
     return chosen

@@ -9,7 +9,7 @@ import pandas as pd
 from tokt.inference.verdict import OBSTACLE, UNKNOWN
 from tokt.training.evaluation.pictures import figure_png, new_figure
 
-from .pair_depths import DepthRow, gaps_of, runs_of
+from .pair_depths import DepthRow, Place, gaps_of, runs_of
 
 _DPI = 110
 _DEPTHS = ("distance_m", "median_m", "far_m")
@@ -24,29 +24,30 @@ def curve_csv(rows: Sequence[DepthRow]) -> str:
     return str(pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
 
 
-def _broken(rows: Sequence[DepthRow], step: int) -> pd.DataFrame:
+def _broken(rows: Sequence[DepthRow], place: Place) -> pd.DataFrame:
     """The rows' numbers, with nan where frames are missing, so that no line crosses a gap."""
-    table = pd.DataFrame(rows)[["frame", "status", *_DEPTHS, "valid_fraction"]].astype(float)
-    at = np.flatnonzero(np.diff(table.frame) > step) + 1
+    table = pd.DataFrame(rows)[["status", *_DEPTHS, "valid_fraction"]].astype(float)
+    table.insert(0, "frame", [float(place(row.frame)) for row in rows])
+    at = np.flatnonzero(np.diff(table.frame) > 1) + 1
     return pd.DataFrame({name: np.insert(table[name], at, np.nan) for name in table})
 
 
 def curve_png(
-    rows: Sequence[DepthRow], found: Mapping[str, Any], name: str, step: int = 1
+    rows: Sequence[DepthRow], found: Mapping[str, Any], name: str, place: Place = int
 ) -> bytes:
-    """A PNG file: depth above, the matched part of the view below, over the frame numbers.
+    """A PNG file: depth above, the matched part of the view below, over the frames.
 
-    With the rows come their `summary` and the mission's name; lines are broken where a frame number
-    is more than `step` above the one before.
+    With the rows come their `summary` and the mission's name. Frames are where they come in the
+    dive, by `place`; lines are broken where frames are missing.
     """
     size, ratios = (11, 6.2), (5, 2)
     figure, (depth, valid) = new_figure(*size, 2, 1, dpi=_DPI, sharex=True, height_ratios=ratios)
-    table = _broken(rows, step)
+    table = _broken(rows, place)
     _draw_depth(depth, table)
     _draw_valid(valid, table)
-    _mark(depth, found)
+    _mark(depth, found, place)
     for axes in (depth, valid):
-        _shade(axes, rows, found, step)
+        _shade(axes, rows, found, place)
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
     handles, labels = depth.get_legend_handles_labels()
@@ -80,13 +81,13 @@ def _draw_valid(axes: Any, table: pd.DataFrame) -> None:
     axes.set(xlabel="frame", ylabel="matched, %\nof the view")
 
 
-def _mark(axes: Any, found: Mapping[str, Any]) -> None:
+def _mark(axes: Any, found: Mapping[str, Any], place: Place) -> None:
     """First detection and the nearest frame, as lines with words."""
     if found["first_detection"] is not None:
-        axes.axvline(found["first_detection"], color="0.35", lw=0.9, ls="--")
+        axes.axvline(place(found["first_detection"]), color="0.35", lw=0.9, ls="--")
         axes.annotate(
             f"first detection: {found['first_detection']}",
-            (found["first_detection"], 0),
+            (place(found["first_detection"]), 0),
             (-4, 6),
             xycoords=("data", "axes fraction"),
             textcoords="offset points",
@@ -100,7 +101,7 @@ def _mark(axes: Any, found: Mapping[str, Any]) -> None:
     if least is not None:
         axes.annotate(
             f"nearest: {least['distance_m']:.2f} m\nframe {least['frame']}",
-            (least["frame"], least["distance_m"]),
+            (place(least["frame"]), least["distance_m"]),
             (0, -12),
             textcoords="offset points",
             ha="center",
@@ -110,13 +111,13 @@ def _mark(axes: Any, found: Mapping[str, Any]) -> None:
         )
 
 
-def _shade(axes: Any, rows: Sequence[DepthRow], found: Mapping[str, Any], step: int) -> None:
+def _shade(axes: Any, rows: Sequence[DepthRow], found: Mapping[str, Any], place: Place) -> None:
     """Frames that could not be judged, and gaps of depth inside the detected span."""
-    gaps = gaps_of(rows, found["detected"])
+    gaps = gaps_of(rows, found["detected"], place)
     unknown = [row.frame for row in rows if row.status == UNKNOWN and row.frame not in gaps]
     kinds = {"unknown": unknown, "no depth (gap)": gaps}
     for (label, frames), color in zip(kinds.items(), (_UNKNOWN_COLOR, _GAP_COLOR), strict=True):
-        for place, (first, last) in enumerate(runs_of(frames, step)):
-            ends = (first - step / 2, last + step / 2)
-            once = None if place else label
+        for number, (first, last) in enumerate(runs_of(frames, place)):
+            ends = (place(first) - 0.5, place(last) + 0.5)
+            once = None if number else label
             axes.axvspan(*ends, color=color, alpha=0.35, lw=0, label=once)

@@ -1,6 +1,6 @@
 """Depths of stereo pairs in their order, by the runtime's own detector, and their summary."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import attrgetter
@@ -108,8 +108,12 @@ def _depths(detector: DisparityDetector, matches: Matches | None, status: int) -
     }
 
 
-def summary(rows: Sequence[DepthRow], step: int = 1) -> dict[str, Any]:
-    """Figures over all frames, in their order; `step` is from one frame number to the next.
+Place = Callable[[int], int]
+"""Gives where a frame, by its number, comes in the dive."""
+
+
+def summary(rows: Sequence[DepthRow], place: Place = int) -> dict[str, Any]:
+    """Figures over all frames, in their order.
 
     They are frames, obstacle, clear, unknown (counts); first_detection (the first of three frames
     in a row with an obstacle, or None); detected (first and last frame of the detected span, or
@@ -118,10 +122,10 @@ def summary(rows: Sequence[DepthRow], step: int = 1) -> dict[str, Any]:
     `steadiness` over that span; clear_valid_fraction (mean and max over clear frames, and those of
     them with any match).
     """
-    span = detected_span(rows, step)
+    span = detected_span(rows, place)
     seen = [row for row in rows if row.status == OBSTACLE and row.median_m is not None]
-    inside = [row for row in seen if span and span[0] <= row.frame <= span[1]]
-    gaps = gaps_of(rows, span)
+    inside = _inside(seen, span, place) if span else []
+    gaps = gaps_of(rows, span, place)
     return {
         "frames": len(rows),
         **{
@@ -132,16 +136,21 @@ def summary(rows: Sequence[DepthRow], step: int = 1) -> dict[str, Any]:
         "detected": list(span) if span else None,
         "gaps": {"count": len(gaps), "frames": format_frames(gaps)},
         "nearest": nearest(seen),
-        **{measure: steadiness(inside, measure, step) for measure in MEASURES},
+        **{measure: steadiness(inside, measure, place) for measure in MEASURES},
         "clear_valid_fraction": _clear_fractions(rows),
     }
 
 
-def gaps_of(rows: Sequence[DepthRow], span: Sequence[int] | None) -> list[int]:
+def _inside(rows: Sequence[DepthRow], span: Sequence[int], place: Place) -> list[DepthRow]:
+    first, last = map(place, span)
+    return [row for row in rows if first <= place(row.frame) <= last]
+
+
+def gaps_of(rows: Sequence[DepthRow], span: Sequence[int] | None, place: Place = int) -> list[int]:
     """Frames of the span that show no obstacle's depth: of a few stray matches there is none."""
     if span is None:
         return []
-    inside = [row for row in rows if span[0] <= row.frame <= span[1]]
+    inside = _inside(rows, span, place)
     return [row.frame for row in inside if row.status != OBSTACLE or row.median_m is None]
 
 
@@ -154,25 +163,25 @@ def nearest(rows: Sequence[DepthRow]) -> dict[str, Any] | None:
     return {"frame": row.frame, "distance_m": row.distance_m, "median_m": row.median_m}
 
 
-def detected_span(rows: Sequence[DepthRow], step: int = 1) -> tuple[int, int] | None:
+def detected_span(rows: Sequence[DepthRow], place: Place = int) -> tuple[int, int] | None:
     """First and last frame of all runs of at least `IN_A_ROW` frames with an obstacle."""
-    runs = runs_of([row.frame for row in rows if row.status == OBSTACLE], step)
-    long = [run for run in runs if run[1] - run[0] >= (IN_A_ROW - 1) * step]
+    runs = runs_of([row.frame for row in rows if row.status == OBSTACLE], place)
+    long = [run for run in runs if place(run[1]) - place(run[0]) >= IN_A_ROW - 1]
     return (long[0][0], long[-1][1]) if long else None
 
 
-def runs_of(frames: Sequence[int], step: int) -> list[tuple[int, int]]:
+def runs_of(frames: Sequence[int], place: Place) -> list[tuple[int, int]]:
     """First and last of each stretch of successive frames."""
     runs: list[tuple[int, int]] = []
     for frame in frames:
-        if runs and frame == runs[-1][1] + step:
+        if runs and place(frame) == place(runs[-1][1]) + 1:
             runs[-1] = (runs[-1][0], frame)
         else:
             runs.append((frame, frame))
     return runs
 
 
-def steadiness(rows: Sequence[DepthRow], measure: str, step: int = 1) -> dict[str, Any] | None:
+def steadiness(rows: Sequence[DepthRow], measure: str, place: Place = int) -> dict[str, Any] | None:
     """How steadily a depth of `MEASURES` falls to the nearest frame and rises after it.
 
     Of the rows with an obstacle in the detected span; None without any depth. Found are
@@ -187,25 +196,28 @@ def steadiness(rows: Sequence[DepthRow], measure: str, step: int = 1) -> dict[st
     if not known:
         return None
     turn, nearest_m = min(known, key=lambda item: item[1])
-    not_falling = [b[0] for a, b in pairwise(known) if b[0] <= turn and b[1] >= a[1]]
-    not_rising = [b[0] for a, b in pairwise(known) if a[0] >= turn and b[1] <= a[1]]
+    at = place(turn)
+    not_falling = [b[0] for a, b in pairwise(known) if place(b[0]) <= at and b[1] >= a[1]]
+    not_rising = [b[0] for a, b in pairwise(known) if place(a[0]) >= at and b[1] <= a[1]]
     return {
         "nearest_frame": turn,
         "nearest_m": nearest_m,
         "monotone": not not_falling and not not_rising,
         "not_falling": format_frames(not_falling),
         "not_rising": format_frames(not_rising),
-        "jitter_m": _bends(known, step, 0.5),
-        "second_difference_m": _bends(known, step, 1.0),
+        "jitter_m": _bends(known, place, 0.5),
+        "second_difference_m": _bends(known, place, 1.0),
     }
 
 
-def _bends(known: Sequence[tuple[int, float]], step: int, factor: float) -> dict[str, Any] | None:
+def _bends(
+    known: Sequence[tuple[int, float]], place: Place, factor: float
+) -> dict[str, Any] | None:
     """Second differences over three successive frames, times `factor`."""
     seconds = [
         (factor * abs(a[1] - 2 * b[1] + c[1]), b[0])
         for a, b, c in zip(known, known[1:], known[2:], strict=False)
-        if c[0] - b[0] == b[0] - a[0] == step
+        if place(c[0]) - place(b[0]) == place(b[0]) - place(a[0]) == 1
     ]
     if not seconds:
         return None

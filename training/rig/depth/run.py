@@ -23,7 +23,6 @@ from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import DenseMatcher, Matches
 from tokt.inference.stereo.odometry import Odometry, Pose, load_odometry
 from tokt.inference.verdict import OBSTACLE
-from tokt.models.operating_point import frame_step
 from tokt.training.evaluation.pictures import CONTRAST_METHOD
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
@@ -31,7 +30,7 @@ from .cloud import FARTHEST_M, PointCloud, cloud_of, cloud_of_points, ply_bytes
 from .curve import curve_csv, curve_png
 from .export import COLMAP, PROGRAMS, Export, Places, logged_places
 from .fuse import AGREEING, PosedView, fused, fused_block_px
-from .pair_depths import DepthRow, measure_depths, summary
+from .pair_depths import DepthRow, Place, measure_depths, summary
 from .picture import DepthPicture
 from .poses import estimated_poses
 
@@ -88,10 +87,9 @@ def run_depth(
     frames = progress(source, len(source.numbers), "depth")
     measured = list(measure_depths(detector, frames, request.rate))
     rows = {row.frame: row for row in measured}
-    step = frame_step({*mission.frames(LEFT), *mission.frames(RIGHT)})
-    found = summary(measured, step)
+    found = summary(measured, mission.place)
     atomic.write_text(out / "depth.csv", curve_csv(measured))
-    atomic.write_bytes(out / "depth.png", curve_png(measured, found, mission.name, step))
+    atomic.write_bytes(out / "depth.png", curve_png(measured, found, mission.name, _axis(mission)))
     # The rows are what a run would say; what is looked at has every pixel matched.
     views = PairRematcher(mission, DisparityDetector(*settings, step=1))
     drawn = [rows[number] for number in _to_draw(measured, found, request)]
@@ -183,6 +181,14 @@ def _refuse_unwritable(folder: Path, option: str) -> None:
         raise ToktError(f"{there} is not a folder; choose another with {option}")
     with os_errors_as(f"{option}: cannot write in {there}"):
         tempfile.TemporaryFile(dir=there).close()
+
+
+def _axis(mission: Mission) -> Place:
+    """Frames' numbers where these count the dive's frames, else their places from 1."""
+    first = mission.frames(LEFT)[0]
+    counted_by = all(n - mission.place(n) == first for n in mission.frames(LEFT))
+    offset = first if counted_by else 1
+    return lambda number: mission.place(number) + offset
 
 
 def _to_draw(
