@@ -304,7 +304,12 @@ def unseen_causes(
     mask : ViewMask or None
     grid : Grid
     """
-    causes = SightMeter(limits).measure(picture, mask).causes
+    return causes_on_grid(SightMeter(limits).measure(picture, mask), picture, grid)
+
+
+def causes_on_grid(sight: SightMap, picture: U8, grid: Grid) -> list[str]:
+    """Say of each patch of a grid why it is not seen, by the picture's map; as `unseen_causes`."""
+    causes = sight.causes
     if not causes.any():  # among others where the frame is too small for patches
         return [""] * grid.n_patches
     height, width = picture.shape[:2]

@@ -28,8 +28,9 @@ To change the format: raise FORMAT_VERSION, keep reading the old ones, prove it 
 import hashlib
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -40,12 +41,12 @@ import pandas as pd
 from tokt.features.common import atomic
 from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.common.canonical import canonical_json
-from tokt.features.common.errors import ToktError, check_format, naming, os_errors_as
+from tokt.features.common.errors import FrameError, ToktError, check_format, naming, os_errors_as
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.features.frames.view_mask import CameraMasks, ViewMask, masks_by_mission
-from tokt.inference.sight import unseen_causes
+from tokt.inference.sight import FLAT, SightMeter, causes_on_grid
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.sight import SightLimits
 
@@ -324,28 +325,47 @@ def _content_hash(info: dict[str, Any], patches: pd.DataFrame, frames: pd.DataFr
     return digest.hexdigest()
 
 
-def _store_frames(
-    folder: Path, sources: Iterable[FrameSource], plan: DatasetPlan
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+@dataclass(frozen=True)
+class _StoredFrames:
+    """What was read of a plan's frames."""
+
+    frames: pd.DataFrame  # of `_FRAME_COLUMNS` and `_PLACED`
+    unseen: pd.DataFrame  # of `PATCH_KEY`: patches in which nothing is seen, each with the `cause`
+    left_out: list[str]  # frames that cannot be read or are damaged, and why
+    files: set[str]  # that were written, also of frames that are left out
+
+
+def _store_frames(folder: Path, sources: Iterable[FrameSource], plan: DatasetPlan) -> _StoredFrames:
     """Copy the frames' files into `folder`, named by pixel hash, and list them.
 
-    And the patches in which nothing is seen, each with the cause.
+    Left out are frames that cannot be read, and those of which a run says that a part has no
+    picture: a decoder fills a file that was half written with one level. Where most frames of a
+    camera are so it is no damage, but a border or a cover: they stay.
     """
     folder.mkdir()
     grid, label = plan.grid, plan.name
     rows, unseen = [], []
+    unread: list[str] = []
+    blank: dict[tuple[str, str, int], str] = {}
+    meter = SightMeter()
     for source in sources:
-        data, suffix = source.load()
         name = f"{source.mission}, {source.camera} frame {source.frame}"
+        name = source.name if plan.block_frames is None else name
         key = (source.mission, source.camera, source.frame)
+        try:
+            data, suffix = source.load()
+            image = None if source.known is not None else decode_image(data, name)
+        except FrameError as error:
+            unread.append(str(error))
+            continue
         position = source.frame if source.position is None else source.position
         placed = position, source.name
-        if source.known is not None:
+        if image is None:
+            assert source.known is not None
             digest, *size = source.known
             (folder / file_name(data)).write_bytes(data)
             rows.append((*key, source.group, digest, file_name(data), *size, *placed))
             continue
-        image = decode_image(data, name)
         with naming(f"dataset {label}: {name}"):
             grid.patch_size(*grid.resized(*image.shape[:2]))
         digest = pixel_sha256(image)
@@ -354,14 +374,33 @@ def _store_frames(
         rows.append((*key, source.group, digest, file, *image.shape[:2], *placed))
         mask = plan.masks.get(source.mission, CameraMasks()).of(source.camera)
         covered = image if mask is None else mask.cover(image)
-        causes = unseen_causes((), covered, mask, grid)
+        sight = meter.measure(covered, mask)
+        if sight.fault and sight.blind is not None and sight.blind.cause == FLAT:
+            blank[key] = f"{name}: {sight.fault}"
+        causes = causes_on_grid(sight, covered, grid)
         unseen += [
             (*key, *divmod(cell, grid.cols), cause) for cell, cause in enumerate(causes) if cause
         ]
-    return (
-        pd.DataFrame(rows, columns=[*_FRAME_COLUMNS, *_PLACED]),
-        pd.DataFrame(unseen, columns=[*PATCH_KEY, "cause"]),
-    )
+    if 2 * len(unread) > len(plan.frames):
+        more = f" (and {len(unread) - 1} more of {len(plan.frames)} frames)"
+        raise ToktError(f"dataset {label}: {unread[0]}{more if len(unread) > 1 else ''}")
+    frames = pd.DataFrame(rows, columns=[*_FRAME_COLUMNS, *_PLACED])
+    cameras = list(zip(frames.mission, frames.camera, strict=True))
+    times, read = Counter(key[:2] for key in blank), Counter(cameras)
+    damaged = {key: why for key, why in blank.items() if 2 * times[key[:2]] <= read[key[:2]]}
+    kept = [key not in damaged for key in frames[FRAME_KEY].itertuples(index=False)]
+    causes_of = pd.DataFrame(unseen, columns=[*PATCH_KEY, "cause"])
+    left_out = [*unread, *damaged.values()]
+    return _StoredFrames(frames[kept], causes_of, left_out, set(frames.file))
+
+
+def _without_contradictions(
+    patches: pd.DataFrame, frames: pd.DataFrame
+) -> tuple[pd.DataFrame, int]:
+    """The patches but those whose very picture has another label too, and how many these are."""
+    keyed = patches.merge(frames[[*FRAME_KEY, "digest"]], on=FRAME_KEY, how="left")
+    labels = keyed.groupby(["digest", "row", "col"]).label.transform("nunique").to_numpy()
+    return patches[labels == 1].reset_index(drop=True), int((labels > 1).sum())
 
 
 def _unseen_clear(plan: DatasetPlan, unseen: pd.DataFrame) -> dict[str, int]:
@@ -403,7 +442,9 @@ def check_dataset_name(name: str) -> None:
 def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -> DatasetVersion:
     """Write a dataset version into the workspace's ``datasets`` folder; the same content once.
 
-    Raises ToktError if there is one class only, a frame cannot be read, or a name cannot be used.
+    Frames that cannot be read or are damaged are left out, and stand in its `info`.
+
+    Raises ToktError if there is one class only, or a name cannot be used.
     """
     if plan.task not in TASKS:
         raise ToktError(f"task is one of {', '.join(TASKS)}, not {plan.task!r}")
@@ -414,19 +455,28 @@ def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     # Made beside the dataset's own folder, which must not appear before there is a version in it.
     with atomic.scratch_folder(home) as folder:
         sources = progress(plan.frames, len(plan.frames), "reading frames")
-        frames, unseen = _store_frames(folder / "frames", sources, plan)
-        frames = frames.sort_values(DIVE_ORDER, ignore_index=True)
+        stored = _store_frames(folder / "frames", sources, plan)
+        frames = stored.frames.sort_values(DIVE_ORDER, ignore_index=True)
         # Copies of a picture must not stand on both sides of a split.
         frames = frames.assign(group=joined_names(frames.group, frames.digest, "min"))
         placed = frames[[*FRAME_KEY, "group", "position"]]
-        patches = plan.patches[[*PATCH_KEY, "label"]].merge(placed, on=FRAME_KEY, how="left")
+        patches = plan.patches[[*PATCH_KEY, "label"]].merge(placed, on=FRAME_KEY)
+        patches, contradictions = _without_contradictions(patches, frames)
+        _check_classes(replace(plan, patches=patches))
+        labelled = pd.MultiIndex.from_frame(patches[FRAME_KEY])
+        frames = frames[pd.MultiIndex.from_frame(frames[FRAME_KEY]).isin(labelled)]
+        frames = frames.reset_index(drop=True)
+        for file in set(stored.files) - set(frames.file):
+            (folder / "frames" / file).unlink()
         patches = patches[[*PATCH_COLUMNS, "position"]]
         patches = patches.sort_values([*DIVE_ORDER, *PATCH_COLUMNS[3:]], ignore_index=True)
         info = _summary(plan, patches, frames)
         content = _content_hash(info, patches, frames)
         patches.to_parquet(folder / "patches.parquet", index=False)
         frames.to_parquet(folder / "frames.parquet", index=False)
-        info["unseen_clear"] = _unseen_clear(plan, unseen)
+        info["unseen_clear"] = _unseen_clear(replace(plan, patches=patches), stored.unseen)
+        info["left_out"] = stored.left_out
+        info["contradictions_left_out"] = contradictions
         text = json.dumps({**info, "hash": content}, indent=2) + "\n"
         (folder / "dataset.json").write_text(text, "utf-8")
         found = publish_dataset(folder, home, content)

@@ -12,8 +12,15 @@ from tokt.labels.taxonomy import load_taxonomy
 from tokt.training.options import Notice, OneOrMore, PathOrText, at_least, paths, takes
 
 from .dataset import DatasetVersion, write_dataset
-from .mission_source import labelled_missions, plan_from_missions, plan_from_patch_folder
+from .mission_source import (
+    labelled_missions,
+    passed_over,
+    plan_from_missions,
+    plan_from_patch_folder,
+)
 from .split import too_few_frames
+
+_SHOWN = 10  # frames that were left out
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,7 @@ def build_dataset(
             )
         folder = Path(options.patches)
         plan = plan_from_patch_folder(options.name, options.task, folder, classes)
+        remarks += passed_over(folder)
     else:
         cells = Grid.parse(str(options.grid)) if options.grid else DEFAULT_GRID
         wanted = parse_frames(options.frames) if options.frames else None
@@ -91,6 +99,7 @@ def build_dataset(
     for remark in remarks:
         notice(f"note: {remark}")
     dataset = write_dataset(plan, workspace / "datasets", progress)
+    tell_left_out(dataset, notice)
     if dataset.info["frames_that_are_copies"]:
         notice(
             f"note: {dataset.info['frames_that_are_copies']} frames are copies of others; blocks "
@@ -109,3 +118,18 @@ def build_dataset(
     if lacking:
         notice(f"WARNING: {lacking}")
     return dataset
+
+
+def tell_left_out(dataset: DatasetVersion, notice: Notice) -> None:
+    """Tell of frames and patches that a dataset was built without."""
+    if left_out := dataset.info.get("left_out"):
+        more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
+        notice(
+            f"WARNING: {counted(len(left_out), 'frame')} left out, damaged or unreadable: "
+            f"{'; '.join(left_out[:_SHOWN])}{more}"
+        )
+    if contradictions := dataset.info.get("contradictions_left_out"):
+        notice(
+            f"WARNING: {counted(contradictions, 'patch')} left out: the very same picture is "
+            "labelled as two classes"
+        )

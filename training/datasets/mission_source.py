@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tokt.features.common.errors import ToktError, counted, os_errors_as
+from tokt.features.common.errors import FrameError, ToktError, counted, os_errors_as
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
-from tokt.features.frames.image_file import SUFFIXES
+from tokt.features.frames.image_file import OTHER_PICTURES, SUFFIXES
 from tokt.features.frames.mission import LEFT, FolderMission, Mission, frame_size, open_mission
 from tokt.features.frames.single_pictures import why_single_pictures
 from tokt.labels.formats.label_csv import read_label_csv
@@ -227,6 +227,8 @@ def plan_from_missions(
             (one.name, r.camera, r.frame, r.row, r.col, r.label, placed.of_frame[r.frame])
             for r in merged.records
         ]
+        if isinstance(one.mission, FolderMission) and one.mission.passed_over:
+            remarks.append(f"mission {one.name} has {one.mission.passed_over_words()}")
     table = pd.DataFrame(rows, columns=[*_COLUMNS, "position"])
     sure = table[table.label != UNSURE]
     sites = {one.name: one.site for one in missions if one.site}
@@ -351,6 +353,22 @@ def _stored(base: DatasetVersion, row: Any) -> tuple[bytes, str]:
     return _load(path)
 
 
+def passed_over(folder: Path) -> list[str]:
+    """Files below a folder of patches that are no patches of a class, a line for each kind."""
+    kinds: Counter[str] = Counter()
+    for path in folder.glob("**/*"):
+        parts = path.relative_to(folder).parts
+        if not path.is_file() or any(part.startswith(".") for part in parts):
+            continue
+        suffix = path.suffix.lower()
+        if suffix in OTHER_PICTURES:
+            kinds[f"{suffix}: a kind of picture that tokt does not read"] += 1
+        elif suffix in SUFFIXES and len(parts) != 2:
+            where = "beside the folders of classes" if len(parts) == 1 else "in folders of folders"
+            kinds[where] += 1
+    return [f"{counted(n, 'picture')} passed over, {kind}" for kind, n in kinds.items()]
+
+
 def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonomy) -> DatasetPlan:
     """Plan a dataset from a folder with one sub-folder of patch images a class.
 
@@ -391,7 +409,13 @@ def patch_images(folder: Path, taxonomy: Taxonomy) -> list[Path]:
     """
     if not folder.is_dir():
         raise ToktError(f"folder of patches {folder} does not exist")
-    images = sorted(path for path in folder.glob("*/*") if path.suffix.lower() in SUFFIXES)
+    classes = [child for child in folder.iterdir() if child.is_dir() and child.name[0] != "."]
+    images = sorted(
+        path
+        for child in classes
+        for path in child.iterdir()
+        if path.suffix.lower() in SUFFIXES and path.name[0] != "."
+    )
     if not images:
         raise ToktError(f"folder of patches {folder} has no images (one sub-folder a class)")
     for label in sorted({image.parent.name for image in images}):
@@ -400,5 +424,5 @@ def patch_images(folder: Path, taxonomy: Taxonomy) -> list[Path]:
 
 
 def _load(path: Path) -> tuple[bytes, str]:
-    with os_errors_as(str(path)):
+    with os_errors_as(str(path), FrameError):
         return path.read_bytes(), path.suffix.lower()

@@ -250,6 +250,7 @@ def _with_new_dive(
     """Write the next version of the model's dataset, with a new dive; return it and the dive."""
     from tokt.labels.record import NoLabelsError
     from tokt.training.datasets.dataset import write_dataset
+    from tokt.training.datasets.dataset_options import tell_left_out
     from tokt.training.datasets.folds import BLOCK_FRAMES
     from tokt.training.datasets.mission_source import (
         labelled_missions,
@@ -278,6 +279,7 @@ def _with_new_dive(
     for remark in remarks:
         say(f"note: {remark}")
     data = write_dataset(plan_with(base, plan), workspace / "datasets", progress)
+    tell_left_out(data, say)
     if preset_for(known.settings.preset, data) != known.settings.preset:
         say(
             f"note: {known.bundle.label} was made for one dive's water, and its features stay; "

@@ -231,16 +231,22 @@ def test_plain_pandas_reads_the_tables(trained):
     assert (joined.group == joined.group_of_frame).all()
 
 
-def test_levels_of_12_bits_in_16_are_not_learnt_from(own_tiny, tmp_path):
-    frame = own_tiny.path / "Left" / "tiny_L_7.png"
-    assert cv2.imwrite(str(frame), cv2.imread(str(frame)).astype(np.uint16) * 16)
+def test_levels_of_12_bits_in_16_are_not_learnt_from(own_tiny, tmp_path, done):
+    *others, last = sorted((own_tiny.path / "Left").iterdir())
     mission, labels = ("--mission", own_tiny.path), ("--labels", own_tiny.labels)
-    words = "left frame 7: its 16-bit pixels leave the upper bits empty, and would be nearly black"
-    said = refused(words, "dataset", "build", "d", *mission, *labels, "--workspace", tmp_path / "w")
-    assert "; convert it to 8 bits, all files alike" in said
+    build = ("dataset", "build", "d", *mission, *labels, "--workspace", tmp_path / "w")
+    words = "its 16-bit pixels leave the upper bits empty, and would be nearly black"
+    assert cv2.imwrite(str(last), cv2.imread(str(last)).astype(np.uint16) * 16)
+    ran = done(*build)
+    assert "1 frame left out, damaged or unreadable" in ran.err and words in ran.err
+    assert json.loads(done("dataset", "show", "d", *build[-2:], "--json").out)["frames"] == 39
+    for frame in others:
+        assert cv2.imwrite(str(frame), cv2.imread(str(frame)).astype(np.uint16) * 16)
+    said = refused(words, *build)
+    assert "; convert it to 8 bits, all files alike" in said and "39 more of 40 frames" in said
     hold_row(
         "12-bit levels in a 16-bit image, to be learnt from",
-        "refused in one line that names the remedy, code 2",
+        "the frame is left out and listed; where most are so, code 2 with the remedy",
         "nothing",
     )
 
@@ -295,8 +301,11 @@ def test_building_removes_what_was_abandoned_but_not_what_is_being_written(build
 
 
 def test_a_refused_build_leaves_nothing(own_tiny, tmp_path, refused):
-    (own_tiny.path / "Left" / "tiny_L_30.png").write_bytes(b"not an image")
-    refused("", "dataset", "build", "x", *inputs(own_tiny), "--workspace", tmp_path / "ws")
+    for frame in (own_tiny.path / "Left").iterdir():
+        frame.write_bytes(b"not an image")
+    refused(
+        "not an image", "dataset", "build", "x", *inputs(own_tiny), "--workspace", tmp_path / "ws"
+    )
     assert list((tmp_path / "ws" / "datasets").iterdir()) == []
 
 
@@ -518,3 +527,49 @@ def test_a_dataset_whose_classes_are_all_clear_is_refused(own_tiny, tmp_path, re
     asked = ("--taxonomy", harmless_sand(tmp_path), "--workspace", tmp_path / "ws")
     command = ("dataset", "build", "d", *inputs(own_tiny, labels), "--task", "classes")
     refused("could never warn", *command, *asked)
+
+
+def half_written(picture, name):
+    """A picture whose file ends in its middle, with the end that a camera or a repair gives it."""
+    data = cv2.imencode(".jpg", picture)[1].tobytes()
+    name.write_bytes(data[: len(data) // 2] + b"\xff\xd9")
+
+
+def test_half_written_pictures_are_left_out_and_listed(own_tiny, tmp_path, done):
+    for number in (7, 8):
+        frame = own_tiny.path / "Left" / f"tiny_L_{number}.png"
+        half_written(cv2.imread(str(frame)), frame.with_suffix(".jpg"))
+        frame.unlink()
+    build = ("dataset", "build", "d", *inputs(own_tiny), "--workspace", tmp_path / "w")
+    assert "2 frames left out, damaged or unreadable: tiny, left frame 7: flat" in done(*build).err
+    dataset = open_dataset("d", tmp_path / "w" / "datasets")
+    assert not {7, 8} & set(dataset.frames.frame) and len(dataset.frames) == 38
+    assert not {7, 8} & set(dataset.patches.frame)
+    assert len(list((dataset.path / "frames").iterdir())) == 38
+
+
+def test_a_patch_folder_says_what_it_passed_over_and_contradicts(tmp_path, done):
+    rng = np.random.default_rng(4)
+    pictures = rng.integers(0, 255, (24, 64, 64), np.uint8)
+    for name, some in (("ocean", pictures[:12]), ("sand", pictures[12:])):
+        (tmp_path / "p" / name / "more").mkdir(parents=True)
+        for n, picture in enumerate(some):
+            cv2.imwrite(str(tmp_path / "p" / name / f"{n}.{'webp' if n % 2 else 'png'}"), picture)
+    cv2.imwrite(str(tmp_path / "p" / "sand" / "more" / "1.png"), pictures[0])
+    (tmp_path / "p" / "sand" / "9.dng").write_bytes(b"II*")
+    cv2.imwrite(str(tmp_path / "p" / "sand" / "same.png"), pictures[0])
+    half_written(pictures[20], tmp_path / "p" / "sand" / "half.jpg")
+    (tmp_path / "p" / "sand" / "broken.jpg").write_bytes(b"\xff\xd8\xff")
+    (tmp_path / "p" / ".cache").mkdir()
+    cv2.imwrite(str(tmp_path / "p" / ".cache" / "1.png"), pictures[0])
+    ran = done("dataset", "build", "d", "--patches", tmp_path / "p", "--workspace", tmp_path / "w")
+    for words in (
+        "1 picture passed over, in folders of folders",
+        "1 picture passed over, .dng: a kind of picture that tokt does not read",
+        "2 frames left out, damaged or unreadable: sand/broken.jpg: the JPEG is truncated",
+        "sand/half.jpg: flat",
+        "2 patches left out: the very same picture is labelled as two classes",
+    ):
+        assert words in ran.err
+    dataset = open_dataset("d", tmp_path / "w" / "datasets")
+    assert dataset.patches.label.value_counts().to_dict() == {"ocean": 11, "sand": 12}
