@@ -52,6 +52,7 @@ class Frame:
     captured_t: float | None = None
     # What is no view of the pictures, which are as the cameras gave them.
     masks: CameraMasks | None = None
+    file: str | None = None  # the left picture's file name, where it came out of a file of its own
     # What was made of its pictures so far, for whoever looks at them next.
     shared: SharedPictures = field(default_factory=SharedPictures, repr=False, compare=False)
 

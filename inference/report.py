@@ -25,7 +25,7 @@ for them: every model's name of ASCII is whole. A datagram without classes fits 
 DATAGRAM_BYTES = 1472
 
 FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY, WITH_PLACE, WITH_CLASSES = range(1, 8)
-WITH_MOVING, WITH_ANCHOR_STATE, WITH_SIGHT = 8, 9, 10
+WITH_MOVING, WITH_ANCHOR_STATE, WITH_SIGHT, WITH_FILE = 8, 9, 10, 11
 """Versions of the table (`SINCE` says what each brought). A new field gets a new version and stands
 at the end of its datagram or log line, where every older reader leaves it out."""
 
@@ -147,6 +147,7 @@ FIELDS = (
     _log("vehicle_t", float, "report.place.vehicle_t", unit="s", since=WITH_PLACE),
     _log("captured_t", float, "frame.captured_t", unit="s", since=WITH_PLACE),
     _log("class_patches", dict, "judgement.class_patches", since=WITH_CLASSES),
+    _log("file", str, "frame.file", since=WITH_FILE),
 )
 """All of them, in the order in which they are written."""
 MEANINGS = {
@@ -205,6 +206,7 @@ MEANINGS = {
     "vehicle_t": "the vehicle's clock: since 1970, UTC",
     "captured_t": "when the frame was taken, since 1970, by the stream's sender, where it tells",
     "class_patches": "for each class seen its patches, numbered row by row from 0",
+    "file": "name of the left picture's file; null where the frame had none of its own",
 }
 """What each field says, by name: docs/reference/report.md is made from it."""
 SINCE = {
@@ -218,6 +220,7 @@ SINCE = {
     WITH_MOVING: "moving things",
     WITH_ANCHOR_STATE: "an object that is named",
     WITH_SIGHT: "what is seen of the view",
+    WITH_FILE: "the frame's file",
 }
 """What each version of the table brought."""
 V1_FIELDS = tuple(each for each in FIELDS if each.v1)

@@ -1,6 +1,6 @@
 """The label record: one thing said about one patch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import NamedTuple
@@ -62,6 +62,9 @@ class LabelRecord:
     # model's suggestion.
     model_version: str | None = None
     blind: bool = False  # whether the annotator saw nobody else's labels, and no suggestion
+    # The whole name of the frame's file, by which it is known; empty where that is not known, or
+    # the frame has none of its own.
+    file: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         if not (self.mission.isascii() and self.annotator.isascii()):
@@ -81,6 +84,8 @@ class LabelRecord:
             raise ToktError(f"source {self.source!r} is not one of {', '.join(SOURCES)}")
         if self.source == MODEL and (self.model_version is None or self.label is None):
             raise ToktError("a suggestion needs a label and the model version that made it")
+        if len(self.file) > _LONGEST_NAME:
+            raise ToktError(f"file name {self.file[:20]!r}... has {len(self.file)} characters")
         if utc_text(self.time) != self.time:
             raise ToktError(f"time {self.time!r} is not of the form {utc_text(self.time)}")
 

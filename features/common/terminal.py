@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, TextIO
 
+from .canonical import exact_numbers
 from .errors import printable
 
 _STDERR = 2
@@ -79,8 +80,11 @@ def _end_of_stderr(thread: threading.Thread) -> None:
 
 
 def print_json(value: Any) -> None:
-    """Print one JSON object on standard output; a string's unprintable characters as escapes."""
-    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+    """Print one JSON object on standard output; a string's unprintable characters as escapes.
+
+    Numbers beyond 2^53 are text, as in `exact_numbers`.
+    """
+    text = json.dumps(exact_numbers(value), indent=2, ensure_ascii=False, allow_nan=False)
     signs = (one if one.isprintable() or one == "\n" else json.dumps(one)[1:-1] for one in text)
     print("".join(signs))
 

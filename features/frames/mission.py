@@ -55,6 +55,9 @@ class Mission(Protocol):
     def place(self, frame: int) -> int:
         """Where a frame of any camera comes in the dive, from 0."""
 
+    def file_name(self, frame: int, camera: str = LEFT) -> str | None:
+        """The whole name of a frame's own file, without folders; None where it has none."""
+
     def read(self, frame: int, camera: str = LEFT) -> U8:
         """One frame as the camera gave it: uint8, gray or BGR. Raises FrameError."""
 
@@ -122,6 +125,11 @@ class FolderMission:
             )
         self._files = numbered_files(path, pictures)
         self._places = dive_order(self._files)
+        self._numbers: dict[tuple[str, str], int | None] = {}
+        for camera, numbered in self._files.items():
+            for number, file in numbered.items():
+                stem = camera, same_text(file.stem)
+                self._numbers[stem] = None if stem in self._numbers else number
         self.cameras = tuple(self._files)
         self.masks = read_masks(path)
 
@@ -152,6 +160,22 @@ class FolderMission:
     def place(self, frame: int) -> int:
         """Where a frame comes in the dive, from 0, by the whole names of its files."""
         return self._places[frame]
+
+    def file_name(self, frame: int, camera: str = LEFT) -> str | None:
+        """The whole name of a frame's file, without folders; None where there is none."""
+        file = self._files.get(camera, {}).get(frame)
+        return None if file is None else same_text(file.name)
+
+    def number_of(self, file_name: str, camera: str = LEFT) -> int | None:
+        """The number of the frame that a file is; None where there is no such file.
+
+        A picture that was converted, so that its name ends otherwise, is the same frame.
+        """
+        number = self._numbers.get((camera, same_text(Path(file_name).stem)))
+        if number is None:
+            names = ((n, self.file_name(n, camera)) for n in self.frames(camera))
+            number = next((n for n, name in names if name == file_name), None)
+        return number
 
     def file(self, frame: int, camera: str = LEFT) -> Path:
         """The image file of one frame. Raises FrameError if there is no such frame."""
@@ -229,6 +253,10 @@ class VideoMission:
     def place(self, frame: int) -> int:
         """Where a frame comes in the video, from 0."""
         return frame - 1
+
+    def file_name(self, frame: int, camera: str = LEFT) -> str | None:
+        """None: a video's frames have no files of their own."""
+        return None
 
     def is_near(self, frame: int) -> bool:
         """Whether a frame can be had without reading much of the file first."""

@@ -90,13 +90,8 @@ def _keys(files: Files, camera: str) -> dict[str, Key]:
     every = [each for some in parts.values() for each in some]
     shapes = {tuple(type(part) for part in each) for each in every}
     mine = zip(files[camera], parts[camera], strict=True)
-    if len(shapes) > 1:
-        return {
-            same_text(path.name): tuple(
-                part if isinstance(part, int) else _SIDES.sub("", part) for part in each
-            )
-            for path, each in mine
-        }
+    if len(shapes) > 1 or any(len(some) == 1 for some in parts.values()):
+        return {same_text(path.name): _without_side(each) for path, each in mine}
     told = [
         any(len({each[place] for each in some}) > 1 for some in parts.values())
         for place in range(len(every[0]) if every else 0)
@@ -105,6 +100,17 @@ def _keys(files: Files, camera: str) -> dict[str, Key]:
         same_text(path.name): tuple(part for part, tells in zip(each, told, strict=True) if tells)
         for path, each in mine
     }
+
+
+def _without_side(parts: list[int | str]) -> Key:
+    """A name's parts without the words that say which camera it is of."""
+    cameras = (place for place, part in enumerate(parts) if str(part).endswith("cam"))
+    numbers = {place + 1 for place in cameras}
+    return tuple(
+        part if isinstance(part, int) else _SIDES.sub("", part)
+        for place, part in enumerate(parts)
+        if place not in numbers
+    )
 
 
 def _split(path: Path) -> list[int | str]:

@@ -66,8 +66,13 @@ class MissionSource:
             now = self.clock.time()
             views, missed = (left, right, left_fault, right_fault), self._missed[index]
             timed, arrived = self.rate is not None, self.clock.monotonic()
-            masks = self.mission.masks
-            yield Frame(number, now, *views, missed, timed=timed, arrived=arrived, masks=masks)
+            yield Frame(
+                *(number, now, *views, missed),
+                timed=timed,
+                arrived=arrived,
+                masks=self.mission.masks,
+                file=self.mission.file_name(number),
+            )
 
     @property
     def live(self) -> bool:

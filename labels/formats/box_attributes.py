@@ -29,7 +29,12 @@ _SIZE_TEXT = re.compile(r"(\d{1,6})x(\d{1,6})")
 _ROTATION, _VERIFIED = "rotation", "verified"
 READ = frozenset({_ROTATION, _VERIFIED, _ROTATION.capitalize(), _VERIFIED.capitalize()})
 """Attributes of other tools that are looked at."""
-_UNSAID = {"source": HUMAN, "model_version": None, "blind": False}  # nothing is written of these
+_UNSAID = {
+    "source": HUMAN,
+    "model_version": None,
+    "blind": False,
+    "file": "",
+}  # nothing is written of these
 
 
 def to_attributes(record: LabelRecord, size: Size | None = None) -> dict[str, str | int]:
@@ -95,6 +100,7 @@ def from_attributes(attributes: Any) -> LabelRecord | None:
         *(utc_text(text("time")), text("source")),
         model_version=None if value("model_version") is None else text("model_version"),
         blind=value("blind") == "yes",
+        file=text("file"),
     )
 
 

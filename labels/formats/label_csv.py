@@ -15,7 +15,7 @@ from .options import Notes, Remarks, in_order
 from .text_file import read_rows, save_table, whole
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
-MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind", "note")
+MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind", "note", "file")
 _BLIND = {"": False, "yes": True}
 AUDIT_COLUMNS = ("suggested", "margin", "reason")
 """What a label audit says beside each label; passed over when a file is read."""
@@ -147,6 +147,7 @@ class _RowReader:
             source=row["source"],
             model_version=row["model_version"] or None,
             blind=_BLIND[row["blind"]],
+            file=intern(row["file"]),
         )
         key = _key(record)
         first, said = self._lines.setdefault(key, (line, record.label))

@@ -314,6 +314,7 @@ class _LabelCollector:
             found.time or self._now,
             HUMAN if version is None else MODEL,
             version,
+            file=images.mission.file_name(key.frame, key.camera) or "",
         )
         if found.size is None and not found.in_percent:
             self._unsized[key] += 1

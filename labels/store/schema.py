@@ -2,7 +2,9 @@
 
 import sqlite3
 
-FORMAT = 3
+from tokt.features.common.names import same_text
+
+FORMAT = 4
 """Format of the file, kept as its ``user_version``.
 
 To change it: raise the number, let `upgrade` bring a file of each older format up to date, and
@@ -11,6 +13,8 @@ keep the tests that build yesterday's files from literal SQL.
 1. Events of people and models.
 2. Settlements, the actions that events belong to (undo), and the frames that were seen.
 3. Whether each label was given blind, who labels blind when, notes, settings of missions.
+4. The files of frames, by whose names frames are known; names of missions and annotators in
+   Unicode's form NFC.
 """
 
 APPLICATION_ID = 0x746F6B74  # "tokt": tells our file from any other program's database
@@ -97,7 +101,16 @@ _TABLES = (
         annotator TEXT NOT NULL,
         time TEXT NOT NULL
     )""",
+    """CREATE TABLE IF NOT EXISTS frame_files (
+        mission TEXT NOT NULL,
+        camera TEXT NOT NULL,
+        frame INTEGER NOT NULL,
+        file TEXT NOT NULL,
+        PRIMARY KEY (mission, camera, frame)
+    ) WITHOUT ROWID""",
 )
+_NAMED = ("events", "actions", "seen", "notes", "blindness", "settings")
+"""Tables with names of missions and annotators."""
 
 _APPEND_ONLY = {
     "events": "label events",
@@ -138,7 +151,7 @@ _REST = (
 # Their index by cell is needed on the way, and goes with the old table.
 _MADE_ANEW = """SELECT type, name FROM sqlite_master
     WHERE type <> 'table' AND sql IS NOT NULL AND name <> 'events_by_cell'"""
-_MORE_OF_1 = "FALSE, NULL"
+_MORE_OF_1, _MORE_OF_3 = "FALSE, NULL", "blind, action"
 # An undo or a redo brings back a label that was given earlier, blind or not.
 _GIVEN = _SAME_CELL.replace("events.", "old_events.")
 _MORE_OF_2 = f"""COALESCE((SELECT actions.blind FROM old_events AS other
@@ -158,9 +171,10 @@ def upgrade(connection: sqlite3.Connection) -> None:
     old = format_of(connection)
     if old >= FORMAT:
         return
+    connection.create_function("nfc", 1, same_text, deterministic=True)
     for kind, name in connection.execute(_MADE_ANEW).fetchall():
         connection.execute(f"DROP {kind} {name}")
-    more = _MORE_OF_1 if old == 1 else _MORE_OF_2
+    more = {1: _MORE_OF_1, 2: _MORE_OF_2, 3: _MORE_OF_3}[old]
     connection.execute("ALTER TABLE events RENAME TO old_events")
     _run(connection, _TABLES)
     connection.execute(
@@ -168,6 +182,11 @@ def upgrade(connection: sqlite3.Connection) -> None:
         f" SELECT id, {FIRST_COLUMNS}, {more} FROM old_events ORDER BY id"
     )
     connection.execute("DROP TABLE old_events")
+    for table in _NAMED:
+        connection.execute(
+            f"UPDATE OR REPLACE {table} SET mission = nfc(mission), annotator = nfc(annotator)"
+            " WHERE (mission, annotator) <> (nfc(mission), nfc(annotator))"
+        )
     _run(connection, _REST)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partialmethod
@@ -15,6 +15,7 @@ from weakref import WeakSet
 
 from tokt.features.common.errors import ToktError, check_format
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import Mission
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, NoLabelsError
 
 from .actions import REDO, UNDO, Action, ActionHead, ActionLog, ActionResult, UndoHistory
@@ -248,6 +249,9 @@ class LabelStore:
         with self._transaction():
             last = self._one(LAST_EVENT)
             self._connection.execute("SAVEPOINT empty")
+            self._keep_files(
+                {(one.mission, one.camera, one.frame): one.file for one in given if one.file}
+            )
             self._connection.executemany(_ADD, rows(settled=False))
             # After the opinions they settle: an opinion that is newer opens the question again.
             self._connection.executemany(_SETTLE, rows(settled=True))
@@ -284,10 +288,52 @@ class LabelStore:
         sql = f"SELECT {COLUMNS} FROM {table}{where} ORDER BY {CELL}, source, annotator"
         rows = self._rows(sql, given)
         grids = {text: Grid.parse(text) for text in {row[3] for row in rows}}
+        files = self.files(mission)
         return [
-            LabelRecord(mission, camera, frame, grids[grid], row, col, *(*said, bool(blind)))
+            LabelRecord(
+                *(mission, camera, frame, grids[grid], row, col),
+                *(*said, bool(blind), files.get((mission, camera, frame), "")),
+            )
             for mission, camera, frame, grid, row, col, *said, blind in rows
         ]
+
+    def files(self, mission: str | None = None) -> dict[tuple[str, str, int], str]:
+        """File names by mission, camera and frame, as far as they are known."""
+        where = "" if mission is None else " WHERE mission = :mission"
+        rows = self._rows(
+            f"SELECT mission, camera, frame, file FROM frame_files{where}", {"mission": mission}
+        )
+        return {(name, camera, frame): file for name, camera, frame, file in rows}
+
+    def keep_files(self, mission: Mission) -> None:
+        """Keep the names of the files that a mission's frames are.
+
+        Raises ToktError where the labels of a frame are of another file.
+        """
+        with self._transaction():
+            self._keep_files(
+                {
+                    (mission.name, camera, frame): file
+                    for camera in mission.cameras
+                    for frame in mission.frames(camera)
+                    if (file := mission.file_name(frame, camera))
+                }
+            )
+
+    def _keep_files(self, files: Mapping[tuple[str, str, int], str]) -> None:
+        known: dict[tuple[str, str, int], str] = {}
+        for mission in {name for name, _, _ in files}:
+            known |= self.files(mission)
+        for key, file in files.items():
+            if Path(known.get(key, file)).stem != Path(file).stem:  # converted, it is the same
+                name, camera, frame = key
+                raise ToktError(
+                    f"{camera} frame {frame} of {name} is the file {file!r}, and its labels in"
+                    f" {self.path} are of {known[key]!r}: give back its name, or label it as"
+                    " another mission (NAME=DIR)"
+                )
+        rows = [(*key, file) for key, file in files.items() if key not in known]
+        self._connection.executemany("INSERT INTO frame_files VALUES (?, ?, ?, ?)", rows)
 
     current = partialmethod(_in_force, "said_last WHERE label IS NOT NULL")
     """The human labels in force. What was taken back and what models suggested is not among them.

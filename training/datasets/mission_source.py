@@ -81,6 +81,7 @@ def labels_of_mission(
             f"no labels for mission {mission.name!r} ({there if names else 'none at all'}): "
             "label some, or import a file (tokt labels import)"
         )
+    mine = _by_file(mission, mine)
     for camera in sorted({record.camera for record in mine}):
         frames = set(mission.frames(camera))
         missing = sorted({r.frame for r in mine if r.camera == camera} - frames)
@@ -90,6 +91,25 @@ def labels_of_mission(
                 f"({len(missing)} such frames); the labels are of mission {mine[0].mission!r}"
             )
     return mine, remark
+
+
+def _by_file(mission: Mission, records: Sequence[LabelRecord]) -> list[LabelRecord]:
+    """Labels with the number that their frame's file has here: its whole name is what it is.
+
+    Raises ToktError where the file is not in the mission.
+    """
+    if not isinstance(mission, FolderMission):
+        return list(records)
+    found = []
+    for record in records:
+        number = mission.number_of(record.file, record.camera) if record.file else record.frame
+        if number is None:
+            raise ToktError(
+                f"mission {mission.path} has no {record.camera} picture {record.file!r}, which is "
+                f"labelled as frame {record.frame}"
+            )
+        found.append(record if number == record.frame else replace(record, frame=number))
+    return found
 
 
 @dataclass(frozen=True)

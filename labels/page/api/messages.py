@@ -8,23 +8,34 @@ from typing import Annotated, Any, Literal, cast
 
 from fastapi import Depends, FastAPI, Query, Request
 from fastapi.exceptions import RequestValidationError
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, Response
 
+from tokt.features.common.canonical import MAX_EXACT, exact_numbers
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import LEFT, RIGHT
+from tokt.features.frames.numbering import LAST_FRAME
 from tokt.labels.page.state.session import Session
 from tokt.labels.record import HUMAN, SETTLED, check_name, utc_text
 
 NOT_SAVED = 507
 UNREADABLE = 422
+_LONG_NUMBER = re.compile(rb"[0-9]{16}")
 _NO_STORE = {"cache-control": "no-store"}
+
+
+class _ExactResponse(JSONResponse):
+    """JSON whose numbers browsers read as they are, see `exact_numbers`."""
+
+    def render(self, content: Any) -> bytes:
+        body = super().render(content)
+        return super().render(exact_numbers(content)) if _LONG_NUMBER.search(body) else body
 
 
 def json_response(value: dict[str, Any]) -> JSONResponse:
     """A JSON answer that no cache keeps."""
-    return JSONResponse(value, headers=_NO_STORE)
+    return _ExactResponse(value, headers=_NO_STORE)
 
 
 def error_response(
@@ -93,6 +104,12 @@ def _time(value: str) -> str:
         raise ValueError(str(error)) from None
 
 
+def _number(value: Any) -> Any:
+    """A number that a page has as text, as it is too large for a browser's numbers."""
+    is_large = isinstance(value, str) and value.isdecimal() and int(value) > MAX_EXACT
+    return int(value) if is_large else value
+
+
 def _note(value: str) -> str:
     if _CONTROL.search(value):
         raise ValueError("a note has no control characters but line breaks and tabs")
@@ -101,7 +118,7 @@ def _note(value: str) -> str:
 
 Name = Annotated[str, Field(max_length=MAX_NAME), AfterValidator(_name)]
 Camera = Literal["left", "right"]
-FrameNumber = Annotated[int, Field(ge=0, le=2**31 - 1)]
+FrameNumber = Annotated[int, BeforeValidator(_number), Field(ge=0, le=LAST_FRAME)]
 Time = Annotated[str, Field(max_length=MAX_NAME), AfterValidator(_time)]
 Flag = Annotated[bool, Field(strict=False)]
 
@@ -216,7 +233,7 @@ Blind = Annotated[bool, Depends(_blind)]
 """Whether who asks labels blind. The store says so, whatever a page believes."""
 Version = Annotated[str, Query(alias="v", max_length=MAX_NAME)]
 """Which mission's frames a page means: another one may be served on this port tomorrow."""
-Frame = Annotated[int, Query(ge=0, le=2**31 - 1)]
+Frame = Annotated[int, Query(ge=0, le=LAST_FRAME)]
 
 
 def check_frame(session: Session, camera: str, frame: int) -> None:

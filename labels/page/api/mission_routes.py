@@ -12,8 +12,8 @@ import numpy as np
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
+from tokt.features.common.canonical import MAX_EXACT
 from tokt.features.common.errors import ToktError, counted
-from tokt.features.frames.mission import format_frames
 from tokt.labels.formats.formats import FORMATS
 from tokt.labels.formats.frame_metadata import ifdo_of
 from tokt.labels.formats.images import FrameKey
@@ -226,8 +226,14 @@ def _by_camera(session: Session, found: list[FrameName]) -> dict[str, list[int]]
 
 
 def _ranges(frames: list[int]) -> dict[str, Any]:
-    runs = [part.split("-") for part in format_frames(frames).split(",")] if frames else []
-    return {"ranges": [[int(run[0]), int(run[-1])] for run in runs], "count": len(frames)}
+    """Runs of numbers that follow each other, in the dive's order."""
+    ranges: list[list[int]] = []
+    for frame in frames:
+        if ranges and frame == ranges[-1][1] + 1 and frame <= MAX_EXACT:
+            ranges[-1][1] = frame
+        else:
+            ranges.append([frame, frame])
+    return {"ranges": ranges, "count": len(frames)}
 
 
 def _classes(session: Session, who: str) -> list[dict[str, Any]]:

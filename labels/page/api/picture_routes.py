@@ -7,6 +7,7 @@ from fastapi import APIRouter, Path, Query
 from starlette.responses import Response
 
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.numbering import LAST_FRAME
 from tokt.labels.page.frames import is_near
 from tokt.labels.page.state.pictures import frame_picture
 from tokt.labels.page.state.session import Session
@@ -20,7 +21,7 @@ MAX_PATCHES = 400
 _CELL = re.compile(r"(left|right):(\d{1,10}):(\d{1,10})", re.ASCII)
 
 CameraPart = Annotated[Camera, Path()]
-FramePart = Annotated[int, Path(ge=0, le=2**31 - 1)]
+FramePart = Annotated[int, Path(ge=0, le=LAST_FRAME)]
 Enhance = Annotated[int, Query(ge=0, le=100)]
 
 

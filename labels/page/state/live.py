@@ -6,6 +6,8 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from typing import Any
 
+from tokt.features.common.canonical import exact_numbers
+
 from .board import LabelChanges
 
 ALIVE_S = 2.0  # a comment that often, so that either side notices when the other is gone
@@ -85,4 +87,4 @@ class Broadcaster:
 
 def event_text(name: str, value: dict[str, Any]) -> str:
     """One event as it goes over the wire."""
-    return f"event: {name}\ndata: {json.dumps(value, allow_nan=False)}\n\n"
+    return f"event: {name}\ndata: {json.dumps(exact_numbers(value), allow_nan=False)}\n\n"

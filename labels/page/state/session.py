@@ -340,6 +340,7 @@ def open_session(
     try:
         store.check_writable()
         note_mission(workspace, mission)
+        store.keep_files(mission)
         board = Board(mission, grid, classes, store)
         session = Session(mission, classes, store, board, annotator, version)
         session.refresh()

@@ -89,7 +89,7 @@ class _Queue:
         self._known = known
         self._looks = looks(known.features)
         self._own_looks = self._looks[candidates]
-        self._own_frames = known.frames[candidates]
+        self._own_places = known.places(known.frames[candidates].tolist())
         self._unsure = unsure[candidates]
         self._distance = np.full(len(candidates), np.inf, np.float32)
         self._nearest = np.full(len(candidates), -1)
@@ -100,7 +100,8 @@ class _Queue:
     def leave(self, places: I64, frames: list[int], what: str) -> None:
         """What looks like these frames (`what` they are), or was seen with them, comes late."""
         if frames:
-            self._gap = np.minimum(self._gap, _gaps(self._own_frames, np.sort(frames)))
+            others = np.sort(self._known.places(frames))
+            self._gap = np.minimum(self._gap, _gaps(self._own_places, others))
         if len(places):
             nearest = _nearest(self._own_looks, self._looks[places])
             self._come_near(places[nearest])
@@ -122,7 +123,7 @@ class _Queue:
         self._free[best] = False
         self._compared["before it here"] = None
         self._come_near(np.full(len(self.candidates), place))
-        self._gap = np.minimum(self._gap, np.abs(self._own_frames - entry.frame))
+        self._gap = np.minimum(self._gap, np.abs(self._own_places - self._own_places[best]))
         return entry
 
     def _come_near(self, places: I64) -> None:
@@ -168,9 +169,9 @@ def _nearest(points: F32, others: F32) -> I64:
     return np.concatenate(parts)
 
 
-def _gaps(frames: I64, others: I64) -> F64:
-    """For each frame number how far the nearest of the others, which are sorted, is."""
-    after = np.searchsorted(others, frames).clip(0, len(others) - 1)
+def _gaps(places: I64, others: I64) -> F64:
+    """For each place in the dive how far the nearest of the others, which are sorted, is."""
+    after = np.searchsorted(others, places).clip(0, len(others) - 1)
     before = (after - 1).clip(0, None)
-    gaps = np.minimum(np.abs(others[after] - frames), np.abs(others[before] - frames))
+    gaps = np.minimum(np.abs(others[after] - places), np.abs(others[before] - places))
     return np.asarray(gaps, np.float64)

@@ -90,7 +90,8 @@ class Suggester:
 
     def prefer(self, camera: str, frame: int) -> None:
         """Say which frame is shown."""
-        distance = np.asarray(self._table.frames - float(frame))
+        index = self._table.position.get((camera, frame), 0)
+        distance = np.asarray(self._table.places - float(self._table.places[index]))
         if isinstance(self._mission, VideoMission):
             # A step back would read the file from its start again.
             distance[distance < 0] += 2.0**32

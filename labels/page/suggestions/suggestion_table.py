@@ -4,7 +4,8 @@ import hashlib
 import io
 import json
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,12 @@ class MissionSuggestions:
     values: F64  # (n, n_patches): as in `FrameSuggestions`
     features: F32  # (n, 2 * dim): mean and standard deviation of each over the patches in view
     several: bool = False  # whether the model has more than two classes
+    # Where each frame number comes in the dive; a number that is not there is its own place.
+    place_of: Mapping[int, int] = field(default_factory=dict)
+
+    def places(self, frames: Iterable[int]) -> I64:
+        """Where frames come in the dive."""
+        return np.array([self.place_of.get(frame, frame) for frame in frames], np.int64)
 
 
 class SuggestionTable:
@@ -51,6 +58,8 @@ class SuggestionTable:
         self.position = {name: index for index, name in enumerate(every)}
         self.cameras = np.array([camera for camera, _ in every])
         self.frames = np.array([frame for _, frame in every], np.int64)
+        self._place_of = {frame: mission.place(frame) for _, frame in every}
+        self.places = np.array([self._place_of[frame] for _, frame in every], np.int64)
         self.done = 0
         self._states = np.full(len(every), _TO_DO, np.uint8)
         self._classes = np.zeros((len(every), n_patches), np.int16)
@@ -91,8 +100,14 @@ class SuggestionTable:
     def known(self, several: bool) -> MissionSuggestions:
         """A copy of everything known, without faulty frames."""
         known = self._states == _JUDGED
-        of_known = self.cameras[known], self.frames[known]
-        return MissionSuggestions(*of_known, self._values[known], self._features[known], several)
+        return MissionSuggestions(
+            self.cameras[known],
+            self.frames[known],
+            self._values[known],
+            self._features[known],
+            several,
+            self._place_of,
+        )
 
     def to_bytes(self, key: str) -> bytes:
         """Everything judged, as a file that `load` reads with the same key.

@@ -121,6 +121,10 @@ def test_pairs_are_by_whole_name(tmp_path):
         mission = open_mission(folder)
         assert len(mission.frames(LEFT)) == 11 and len(mission.frames(RIGHT)) == 10
         assert set(mission.frames(RIGHT)) < set(mission.frames(LEFT)), names
+    put(tmp_path / "single" / "Left", "dive_L_3.png")
+    put(tmp_path / "single" / "Right", "dive_R_20.png")
+    single = open_mission(tmp_path / "single")
+    assert (single.frames(LEFT), single.frames(RIGHT)) == ([3], [20])
     over_midnight = tmp_path / "over_midnight"
     put(over_midnight / "Left", "L_20190513_235959.png", "L_20190514_000000.png")
     put(over_midnight / "Right", "R_20190514_000000.png")

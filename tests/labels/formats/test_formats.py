@@ -94,7 +94,7 @@ def test_csv_says_what_six_columns_lose(tmp_path, reading, writing):
 
 
 def test_all_that_a_record_says_is_carried():
-    record = said(source="settled", model_version="net/3", blind=True)
+    record = said(source="settled", model_version="net/3", blind=True, file="dive_L_3.png")
     carried = {name.removeprefix("tokt_") for name in to_attributes(record)} - {"format"}
     assert carried == {field.name for field in fields(LabelRecord)}
 

@@ -11,6 +11,8 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.calls import refuses
@@ -18,6 +20,7 @@ from tests.fixtures import write_labels
 from tests.labels.store.said import history
 from tests.waiting import MAX_S
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import open_mission
 from tokt.labels.record import LabelRecord, utc_now, utc_text
 from tokt.labels.store.health import label_store_finding
 from tokt.labels.store.schema import upgrade
@@ -243,6 +246,123 @@ INSERT INTO actions VALUES (4, 's', 'bob', 'dive', '10x10@360', 'settle', '2016-
     "frames": [["left", 1]], "kind": "settle"}');
 INSERT INTO seen VALUES ('dive', 'left', 1, 'ann', '2016-04-20T10:00:00Z');
 """
+FORMAT_3 = """
+CREATE TABLE events (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        mission TEXT NOT NULL,
+        camera TEXT NOT NULL,
+        frame INTEGER NOT NULL,
+        grid TEXT NOT NULL,
+        row INTEGER NOT NULL,
+        col INTEGER NOT NULL,
+        label TEXT,
+        annotator TEXT NOT NULL,
+        time TEXT NOT NULL,
+        source TEXT NOT NULL CHECK (source IN ('human', 'model', 'settled')),
+        model_version TEXT,
+        blind INTEGER NOT NULL DEFAULT FALSE,
+        action INTEGER REFERENCES actions (id)
+    );
+CREATE TABLE actions (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        key TEXT NOT NULL UNIQUE,
+        annotator TEXT NOT NULL,
+        mission TEXT NOT NULL,
+        grid TEXT NOT NULL,
+        kind TEXT NOT NULL,
+        time TEXT NOT NULL,
+        source TEXT NOT NULL CHECK (source IN ('human', 'settled')),
+        blind INTEGER NOT NULL,
+        reverses INTEGER REFERENCES actions (id),
+        first INTEGER NOT NULL REFERENCES actions (id),
+        below INTEGER REFERENCES actions (id),
+        undo_top INTEGER REFERENCES actions (id),
+        redo_top INTEGER REFERENCES actions (id),
+        result TEXT NOT NULL
+    );
+CREATE TABLE seen (
+        mission TEXT NOT NULL,
+        camera TEXT NOT NULL,
+        frame INTEGER NOT NULL,
+        annotator TEXT NOT NULL,
+        time TEXT NOT NULL,
+        PRIMARY KEY (mission, annotator, camera, frame)
+    ) WITHOUT ROWID;
+CREATE TABLE notes (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        mission TEXT NOT NULL,
+        camera TEXT NOT NULL,
+        frame INTEGER NOT NULL,
+        grid TEXT,
+        row INTEGER,
+        col INTEGER,
+        text TEXT NOT NULL,
+        annotator TEXT NOT NULL,
+        time TEXT NOT NULL
+    );
+CREATE TABLE blindness (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        mission TEXT NOT NULL,
+        annotator TEXT NOT NULL,
+        blind INTEGER NOT NULL,
+        time TEXT NOT NULL
+    );
+CREATE TABLE settings (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        mission TEXT NOT NULL,
+        name TEXT NOT NULL,
+        value TEXT NOT NULL,
+        annotator TEXT NOT NULL,
+        time TEXT NOT NULL
+    );
+CREATE INDEX events_by_cell ON events (mission, camera, frame, grid, row, col, annotator, source);
+CREATE INDEX events_settled ON events (mission, camera, frame, grid, row, col) WHERE source =
+    'settled';
+CREATE INDEX events_by_action ON events (action) WHERE action IS NOT NULL;
+CREATE INDEX actions_by_history ON actions (annotator, mission, grid);
+CREATE INDEX notes_by_mission ON notes (mission);
+CREATE TRIGGER events_keep_update BEFORE update ON events
+        BEGIN SELECT RAISE(ABORT, 'label events are never updated'); END;
+CREATE TRIGGER events_keep_delete BEFORE delete ON events
+        BEGIN SELECT RAISE(ABORT, 'label events are never deleted'); END;
+CREATE TRIGGER actions_keep_update BEFORE update ON actions
+        BEGIN SELECT RAISE(ABORT, 'actions are never updated'); END;
+CREATE TRIGGER actions_keep_delete BEFORE delete ON actions
+        BEGIN SELECT RAISE(ABORT, 'actions are never deleted'); END;
+CREATE TRIGGER notes_keep_update BEFORE update ON notes
+        BEGIN SELECT RAISE(ABORT, 'notes are never updated'); END;
+CREATE TRIGGER notes_keep_delete BEFORE delete ON notes
+        BEGIN SELECT RAISE(ABORT, 'notes are never deleted'); END;
+CREATE TRIGGER blindness_keep_update BEFORE update ON blindness
+        BEGIN SELECT RAISE(ABORT, 'times of blind labelling are never updated'); END;
+CREATE TRIGGER blindness_keep_delete BEFORE delete ON blindness
+        BEGIN SELECT RAISE(ABORT, 'times of blind labelling are never deleted'); END;
+CREATE TRIGGER settings_keep_update BEFORE update ON settings
+        BEGIN SELECT RAISE(ABORT, 'settings of missions are never updated'); END;
+CREATE TRIGGER settings_keep_delete BEFORE delete ON settings
+        BEGIN SELECT RAISE(ABORT, 'settings of missions are never deleted'); END;
+CREATE VIEW said_last AS
+        SELECT mission, camera, frame, grid, row, col, label, annotator, time, source,
+            model_version, blind, MAX(id) AS id FROM events WHERE source = 'human'
+        GROUP BY mission, camera, frame, grid, row, col, annotator;
+CREATE VIEW settled_now AS
+        SELECT mission, camera, frame, grid, row, col, label, annotator, time, source,
+            model_version, blind, id FROM events WHERE source = 'settled' AND label IS NOT NULL
+        AND NOT EXISTS (SELECT 1 FROM events AS other WHERE other.mission = events.mission AND
+            other.camera = events.camera AND other.frame = events.frame AND other.grid =
+            events.grid AND other.row = events.row AND other.col = events.col
+            AND other.source <> 'model' AND other.id > events.id);
+PRAGMA application_id = 1953459060;
+PRAGMA user_version = 3;
+INSERT INTO events VALUES (2, 'Krillé', 'left', 1, '10x10@360', 0, 0, 'ocean', 'Åse',
+    '2016-04-20T10:00:00Z', 'human', 'lbp/3', 1, NULL);
+INSERT INTO events VALUES (5, 'dive', 'left', 1, '10x10@360', 0, 1, 'reef', 'ann',
+    '2016-04-20T10:00:00Z', 'human', NULL, 0, NULL);
+INSERT INTO seen VALUES ('Krillé', 'left', 1, 'Åse', '2016-04-20T10:00:00Z');
+INSERT INTO notes VALUES (1, 'Krillé', 'left', 1, NULL, NULL, NULL, 'murky', 'Åse',
+    '2016-04-20T10:00:00Z');
+INSERT INTO settings VALUES (1, 'Krillé', 'rate', '2', 'Åse', '2016-04-20T10:00:00Z');
+"""
 MADE = "SELECT type, name, sql FROM sqlite_master ORDER BY 1, 2"
 
 
@@ -256,7 +376,7 @@ def _file_of(tmp_path, script):
 
 def _is_as_made_new(path):
     with sqlite3.connect(path) as now:
-        assert now.execute("PRAGMA user_version").fetchone() == (3,)
+        assert now.execute("PRAGMA user_version").fetchone() == (4,)
         upgraded = now.execute(MADE).fetchall()
         for table in ("events", "actions", "notes", "blindness", "settings"):
             kept = f"{table}_keep_%"
@@ -302,6 +422,35 @@ def test_a_format_2_file_is_brought_up_to_date_with_all_that_is_in_it(tmp_path):
         assert store.redo("ann", "dive", GRID, "r", TIME).changed == 1
         assert store.current()[1] == _record("reef", col=1, blind=True)
     _is_as_made_new(path)
+
+
+def test_a_format_3_file_is_brought_up_to_date_and_names_are_one(tmp_path):
+    """Names written with combining marks are those that are written with one character."""
+    path = _file_of(tmp_path, FORMAT_3)
+    with LabelStore(path) as store:
+        mission, who = "Krill\u00e9", "\u00c5se"
+        (record,) = store.current(mission)
+        assert (record.mission, record.annotator, record.blind) == (mission, who, True)
+        assert len(store.current("dive")) == 1 and record.file == ""
+        assert store.seen(mission, who) == {("left", 1)}
+        assert store.settings(mission) == {"rate": "2"} and len(store.notes(mission)) == 1
+    _is_as_made_new(path)
+
+
+def test_a_label_is_of_the_file_that_its_frame_was(tmp_path, store):
+    (tmp_path / "dive").mkdir()
+    picture = cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1].tobytes()
+    (tmp_path / "dive" / "a_1.png").write_bytes(picture)
+    store.keep_files(open_mission(tmp_path / "dive"))
+    store.add([_record("ocean")])
+    (record,) = store.current()
+    assert record.file == "a_1.png" and record == _record("ocean")
+    store.keep_files(open_mission(tmp_path / "dive"))
+    (tmp_path / "dive" / "a_1.png").rename(tmp_path / "dive" / "b_1.png")
+    words = "left frame 1 of dive is the file 'b_1.png', and its labels in .* are of 'a_1.png'"
+    refuses(words, store.keep_files, open_mission(tmp_path / "dive"))
+    refuses(words, store.add, [replace(_record("reef"), file="b_1.png")])
+    assert store.current() == [_record("ocean")]
 
 
 def test_a_label_that_an_undo_of_format_2_brought_back_is_as_blind_as_it_was_given(tmp_path):
@@ -434,9 +583,9 @@ def test_doctor_leaves_a_format_1_file_as_it_is(yesterdays):
 
 
 def test_a_newer_format_is_refused_and_left_alone(store):
-    store._connection.execute("PRAGMA user_version = 4")
+    store._connection.execute("PRAGMA user_version = 5")
     store.close()
-    refuses("format 4, newer", LabelStore, store.path)
+    refuses("format 5, newer", LabelStore, store.path)
 
 
 def test_other_files_are_refused_and_left_alone(tmp_path):
@@ -575,7 +724,7 @@ def test_threads_read_while_one_waits_for_another_process_to_write(store):
         ({"row": 10}, "outside the grid 10x10@360"),
         ({"col": -1}, "outside the grid"),
         ({"frame": -1}, "not a frame number"),
-        ({"frame": 2**31}, "not a frame number"),
+        ({"frame": 2**63}, "not a frame number"),
         ({"camera": "Left"}, "camera 'Left'"),
         ({"annotator": ""}, "annotator ''"),
         ({"mission": "a\nb"}, "mission"),

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from tests.calls import refuses
 from tests.fixtures import write_video
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
@@ -17,7 +18,11 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import Taxonomy
 from tokt.training.datasets.dive_positions import TIMES_FILE, dive_positions, scene_length
 from tokt.training.datasets.folds import blocked_folds
-from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
+from tokt.training.datasets.mission_source import (
+    LabelledMission,
+    labels_of_mission,
+    plan_from_missions,
+)
 
 GRID = Grid(2, 2, None)
 TIME = "2016-04-20T10:00:00Z"
@@ -136,3 +141,16 @@ def test_times_of_cameras_and_of_videos(tmp_path):
     frames = (np.full((48, 64, 3), 10 * level, np.uint8) for level in range(5))
     video = open_mission(write_video(tmp_path / "v.avi", frames))
     assert [b - a for a, b in pairwise(dive_positions(video).of_frame.values())] == [1] * 4
+
+
+def test_labels_go_to_the_file_that_they_were_given_on(tmp_path):
+    """Its number in another folder is another one: the whole name is what the frame is."""
+    mission = dive(tmp_path / "d", range(1, 4))
+    said = ("d", "left", 3, GRID, 0, 0, "ocean", "eva", TIME)
+    records = [LabelRecord(*said, file="f_000002.png"), LabelRecord(*said[:4], 0, 1, *said[6:])]
+    found, _ = labels_of_mission(mission, records, GRID, only=True)
+    assert [record.frame for record in found] == [2, 3]
+    renamed = [LabelRecord(*said, file="f_000002.jpg")]  # a picture that was converted
+    assert labels_of_mission(mission, renamed, GRID, only=True)[0][0].frame == 2
+    gone = [LabelRecord(*said, file="g_000002.png")]
+    refuses("no left picture 'g_000002.png'", labels_of_mission, mission, gone, GRID, only=True)

@@ -19,7 +19,9 @@ export const mission = {
 const LIGHT = 0.405; // 0.4, and what rounding may take
 
 /** @type {Derived} */
-const here = { byName: new Map(), frames: {}, masked: {}, settingsHeard: 0, person: 0 };
+const here = {
+  byName: new Map(), frames: {}, places: {}, masked: {}, settingsHeard: 0, person: 0,
+};
 
 /** @type {Signal<[what: "all" | "states" | "status"]>} Be told that something of it changed. */
 export const [onChange, changed] = signal();
@@ -62,6 +64,7 @@ function takeMission(/** @type {MissionAnswer} */ answer) {
     here.byName.set(known.name, { ...known, color: lightened(known.color) });
   }
   here.frames = {};
+  here.places = {};
   here.masked = {};
   changed("all");
 }
@@ -72,7 +75,7 @@ export function takeNews(/** @type {News} */ news) {
   if (news.setup && news.setup !== mission.setup) loadMission().catch(onFailure());
   if ((news.event ?? 0) > mission.event) mission.event = news.event ?? 0;
   for (const [camera, frames_] of Object.entries(news.states ?? {})) {
-    for (const [frame, state] of Object.entries(frames_)) setState(camera, Number(frame), state);
+    for (const [frame, state] of Object.entries(frames_)) setState(camera, frameOf(frame), state);
   }
   for (const [camera, labels] of Object.entries(news.given ?? {})) {
     Object.assign((mission.given[camera] ??= {}), labels);
@@ -186,12 +189,20 @@ export function selectClass(/** @type {string} */ name) {
   setSetting("selected", name);
 }
 
-/** The frame numbers of a camera, ascending. */
+/** The frame numbers of a camera, in the dive's order. A number beyond 2^53 is text here. */
 export function frames(/** @type {string} */ camera) {
   here.frames[camera] ??= (mission.cameras[camera]?.ranges ?? []).flatMap(([first, last]) =>
-    Array.from({ length: last - first + 1 }, (_, index) => first + index),
+    first === last
+      ? [first]
+      : Array.from({ length: last - first + 1 }, (_, index) => first + index),
   );
   return here.frames[camera];
+}
+
+/** A frame number out of text, as `frames` has it. */
+export function frameOf(/** @type {string | number} */ text) {
+  const number = Number(text);
+  return /** @type {number} */ (Number.isSafeInteger(number) ? number : text);
 }
 
 /** The cells of a camera's frames that are no view: they take no label. */
@@ -207,21 +218,16 @@ export function inView(camera, cells) {
 
 /** Where a frame stands in `frames(camera)`; -1 if it is not there. */
 export function frameIndex(/** @type {string} */ camera, /** @type {number} */ frame) {
-  const at = indexFrom(camera, frame);
-  return frames(camera)[at] === frame ? at : -1;
+  here.places[camera] ??= new Map(frames(camera).map((number, index) => [number, index]));
+  return here.places[camera].get(frame) ?? -1;
 }
 
-/** Where the first frame with this or a higher number stands; their count if there is none. */
+/** Where a frame stands, or else the first with a higher number; the count if there is none. */
 export function indexFrom(/** @type {string} */ camera, /** @type {number} */ frame) {
-  const list = frames(camera);
-  let low = 0;
-  let high = list.length;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (list[middle] < frame) low = middle + 1;
-    else high = middle;
-  }
-  return low;
+  const at = frameIndex(camera, frame);
+  if (at >= 0) return at;
+  const higher = frames(camera).findIndex((number) => Number(number) > Number(frame));
+  return higher >= 0 ? higher : frames(camera).length;
 }
 
 /** The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if not there. */

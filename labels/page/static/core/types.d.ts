@@ -425,6 +425,8 @@ export interface Derived {
   byName: Map<string, LabelClass>;
   /** The frames of each camera. */
   frames: ByCamera;
+  /** Where each of `frames` stands. */
+  places: Record<string, Map<number, number>>;
   /** The masked cells of each camera. */
   masked: Record<string, Set<number>>;
   settingsHeard: number;

@@ -3,7 +3,7 @@
 
 import { commandButtons, optionsOf } from "../core/controls.js";
 import { el, focusView, redraw, setAttribute } from "../core/dom.js";
-import { frameIndex, frames, inView, mission, setting, stateOf } from "../core/mission.js";
+import { frameIndex, frameOf, frames, inView, mission, setting, stateOf } from "../core/mission.js";
 import { MASKED, disagree } from "../labelling/cell_drawing.js";
 import { cellName } from "../core/patch_grid.js";
 import { filterChoices, filterName, filterSelect, passingFrames } from "../labelling/filters.js";
@@ -24,7 +24,7 @@ export function buildBar(commands, goTo, keyFor, status) {
     // Leaving it is what changes it.
     on: { keydown: ({ key }) => key === "Enter" && focusView() },
   });
-  number.addEventListener("change", () => number.value && goTo(Number(number.value)));
+  number.addEventListener("change", () => number.value && goTo(frameOf(number.value)));
   const player = el("span", { class: "player" });
   const place = el("span", { class: "place" });
   const camera = command("", "camera", "Left or right camera");

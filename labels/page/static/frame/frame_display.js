@@ -25,7 +25,11 @@ const BEGIN = "Choose a class, then click or drag over patches.";
 export function labelsArrived(/** @type {?string} */ camera, /** @type {?number} */ frame) {
   if (isHere(camera, frame)) showLabels();
   else if (camera === page().show.beside && frame === page().show.frame) page().beside.update();
-  else if (camera === page().show.camera && Number(frame) < page().show.frame) showFollowed();
+  else if (camera === page().show.camera && isBefore(camera, frame)) showFollowed();
+}
+
+function isBefore(/** @type {string} */ camera, /** @type {?number} */ frame) {
+  return frameIndex(camera, frame ?? -1) < frameIndex(camera, page().show.frame);
 }
 
 // Suggestions follow from frames before: a whole chain of them arrives at once.

@@ -79,7 +79,9 @@ export class FrameShow {
   go(/** @type {string} */ camera, /** @type {number} */ frame) {
     this.started = performance.now();
     this.endBlink();
-    if (camera === this.camera) this.direction = frame < this.frame ? -1 : 1;
+    if (camera === this.camera) {
+      this.direction = frameIndex(camera, frame) < frameIndex(camera, this.frame) ? -1 : 1;
+    }
     this.camera = camera;
     this.frame = frame;
     this.retriable = false;

@@ -2,7 +2,7 @@
 
 import { commandButtons } from "../core/controls.js";
 import { announce, el, focusView, say } from "../core/dom.js";
-import { mission, onChange, onSetting } from "../core/mission.js";
+import { frameOf, mission, onChange, onSetting } from "../core/mission.js";
 import { cellName } from "../core/patch_grid.js";
 import { addView } from "../core/router.js";
 import { buildDrawer } from "../labelling/drawer.js";
@@ -118,8 +118,7 @@ addView("label", {
     else build(root);
     if (!camera) [camera, number] = whereStopped().map(String);
     // An address may name anything: what is not there is told of by its name.
-    const named = /** @type {unknown} */ (/^\d+$/.test(number) ? Number(number) : number);
-    const frame = /** @type {number} */ (named);
+    const frame = frameOf(number);
     if (!isHere(camera, frame)) {
       view.why = "";
       const known = cameras.includes(camera);

@@ -38,7 +38,7 @@ export function blindFrames() {
 /** The next frame to label blind, after this one and round the list's end; null: all are done. */
 export function nextBlindFrame(camera = "", frame = -1) {
   const open = blindFrames().filter((one) => stateOf(one.camera, one.frame) !== "d");
-  const after = open.find((one) => one.camera === camera && one.frame > frame);
+  const after = open.find((one) => one.camera === camera && frameIndex(camera, one.frame) > frameIndex(camera, frame));
   return after ?? open.find((one) => one.camera !== camera || one.frame !== frame) ?? null;
 }
 

@@ -4,7 +4,7 @@ import { el, say, setAttribute, soon, targetOf } from "../core/dom.js";
 import { showProgress } from "../core/progress.js";
 import { labelKeys } from "../core/keys.js";
 import {
-  chosenClass, clearClass, frames, inView, indexFrom, maskedCells, mission, onChange, onReload, onSetting, setSetting,
+  chosenClass, clearClass, frameIndex, frameOf, frames, inView, indexFrom, maskedCells, mission, onChange, onReload, onSetting, setSetting,
   setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
@@ -36,7 +36,7 @@ const SQUEEZED = 0.2;
 
 async function show(/** @type {HTMLElement} */ root, /** @type {string[]} */ [camera, first]) {
   const known = camera in mission.cameras ? camera : Object.keys(mission.cameras)[0];
-  const wanted = newPage(known, Number(first) || frames(known)[0]);
+  const wanted = newPage(known, first ? frameOf(first) : frames(known)[0]);
   if (view.parts && view.page?.camera === known) {
     const at = page().thumbs.findIndex(({ frame }) => frame === wanted.first);
     if (at >= 0) return focusOn(at);
@@ -195,7 +195,7 @@ function readAhead() {
 function nextFrames() {
   const { camera, thumbs, count } = page();
   if (thumbs.length === 0) return [];
-  return framesFrom(frames(camera), indexFrom(camera, thumbs[thumbs.length - 1].frame + 1), count);
+  return framesFrom(frames(camera), frameIndex(camera, thumbs[thumbs.length - 1].frame) + 1, count);
 }
 
 // ---- What is shown

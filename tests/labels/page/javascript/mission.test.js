@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 import {
-  classOf, clearClass, colourOf, frameIndex, frames, givenIn, indexFrom, mission, onChange,
+  classOf, clearClass, colourOf, frameIndex, frameOf, frames, givenIn, indexFrom, mission, onChange,
   sameMission, selectedClass, signOf, stateOf, strangerWords, takeNews,
 } from "../../../../labels/page/static/core/mission.js";
 import { address } from "../../../../labels/page/static/core/api.js";
@@ -9,12 +9,23 @@ import { loaded } from "./missions.js";
 
 beforeEach(() => loaded());
 
-test("frames are the numbers of all ranges, found by halving", () => {
+test("frames are the numbers of all ranges", () => {
   assert.deepEqual(frames("left"), [10, 11, 12, 13, 20, 21, 22]);
   assert.deepEqual(frames("nowhere"), []);
   assert.deepEqual([10, 13, 20, 14].map((frame) => frameIndex("left", frame)), [0, 3, 4, -1]);
   assert.deepEqual([0, 14, 23].map((frame) => indexFrom("left", frame)), [0, 4, 7]);
   assert.deepEqual([stateOf("left", 12), stateOf("left", 14)], ["s", ""]);
+});
+
+test("frames are in the dive's order, and a number that no browser holds is text", async () => {
+  const large = ["1403636579763555584", "1403636579813555456"];
+  const ranges = [[235950, 235951], [0, 1], ...large.map((one) => [one, one])];
+  await loaded({ cameras: { left: { ranges, count: 6 } }, states: { left: "uuuuuu" } });
+  assert.deepEqual(frames("left"), [235950, 235951, 0, 1, ...large]);
+  assert.deepEqual([0, large[1], 7].map((frame) => frameIndex("left", frame)), [2, 5, -1]);
+  assert.deepEqual([frameOf("12"), frameOf(large[0])], [12, large[0]]);
+  takeNews({ event: 1, states: { left: { [large[0]]: "d" } } });
+  assert.equal(stateOf("left", large[0]), "d");
 });
 
 test("a class is known by its name, also one that is only in the store", () => {
