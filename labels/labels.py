@@ -175,5 +175,5 @@ def refuse_to_replace(store: LabelStore, records: Iterable[LabelRecord], assumed
     if changed:
         raise ToktError(
             f"{counted(changed, 'patch')} would change that {assumed!r} labelled, and the file does"
-            " not say who made it: give --annotator NAME, the same name if it is the same person"
+            " not say who made it. Give --annotator NAME, the same name if it is the same person"
         )

@@ -424,8 +424,8 @@ class _LabelCollector:
         folders = ", ".join(map(repr, [*self._foreign][:_FOLDERS]))
         if not self._names:
             raise ToktError(
-                f"its images are in {folders}, and the frames given are those of {images.name!r}:"
-                " give that dive's frames by --mission-dir, or say by --folder NAME what the file"
+                f"its images are in {folders}, and the frames given are those of {images.name!r}."
+                " Give that dive's frames by --mission-dir; or say by --folder NAME what the file"
                 " calls this one"
             )
         what = f"left out: in {folders}, which is another dive than {images.name!r}"

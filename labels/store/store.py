@@ -329,7 +329,7 @@ class LabelStore:
                 name, camera, frame = key
                 raise ToktError(
                     f"{camera} frame {frame} of {name} is the file {file!r}, and its labels in"
-                    f" {self.path} are of {known[key]!r}: give back its name, or label it as"
+                    f" {self.path} are of {known[key]!r}. Give back its name, or label it as"
                     " another mission (NAME=DIR)"
                 )
         rows = [(*key, file) for key, file in files.items() if key not in known]

@@ -311,8 +311,8 @@ def _short_blocks(scenes: Mapping[str, int], block_frames: int) -> list[str]:
     """A remark for each mission whose scene stays the same for longer than a block."""
     return [
         f"the scene of mission {name} stays the same for about {length} frames, longer than a "
-        f"block of {block_frames}: near copies are learnt and tested on, and figures flatter. "
-        "Label frames farther apart"
+        f"block of {block_frames}. Near copies are learnt and tested on, and figures flatter: "
+        "label frames farther apart"
         for name, length in scenes.items()
         if length > block_frames
     ]

@@ -323,7 +323,7 @@ def test_a_file_of_another_dive_is_refused_unless_its_folder_is_named(tmp_path, 
     said = Said(1, 0, 0, "ocean", "dive_2/", 1, False, 0, True)
     path = put(tmp_path, _coco([said]))
     options = ReadOptions(TAXONOMY, images=dive)
-    words = "its images are in 'dive_2', and the frames given are those of 'dive_1'"
+    words = "its images are in 'dive_2', and the frames given are those of 'dive_1'."
     assert words in told(FORMATS["coco"].read, path, options)
     named = MissionImages(dive.mission, folder="dive_2")
     assert FORMATS["coco"].read(path, replace(options, images=named)).records
