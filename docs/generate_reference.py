@@ -59,6 +59,7 @@ FORMATS = {
     "models.registry.registration.FORMAT_VERSION": "hashes and signature of a registered model",
     "models.registry.registration.RECORD_VERSION": "record of a promotion or a deployment",
     "features.extractors.textures.SPEC_VERSION": "extractor spec",
+    "features.frames.numbering.FORMAT": "numbers of a dive's frames, `tokt_frames.json`",
     "labels.store.schema.FORMAT": "label store, `labels.db`",
     "labels.store.known_missions.FORMAT": "missions of a workspace, `missions.json`",
     "labels.taxonomy.FORMAT": "taxonomy file, `taxonomy.toml`",

@@ -1,12 +1,11 @@
 """The snippets of the how-to pages do what is said of them."""
 
+import json
 import re
 from pathlib import Path
 
-import pytest
-
 import tokt
-from tests.calls import refused, succeeds
+from tests.calls import succeeds
 
 HOW_TO = Path(__file__).resolve().parents[2] / "docs" / "how-to"
 
@@ -32,21 +31,14 @@ def test_python_judges_a_file_and_a_folder_and_trains(own_tiny, tmp_path, monkey
     assert len(capsys.readouterr().out.splitlines()) >= 42
 
 
-def test_pictures_without_numbers_get_some(tiny, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("pictures").mkdir()
+def test_pictures_without_numbers_get_some(tiny, tmp_path):
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
     for name, frame in (("crab one", 3), ("tower", 30)):
         picture = tiny.path / f"Left/tiny_L_{frame}.png"
-        Path(f"pictures/{name}.png").write_bytes(picture.read_bytes())
-    run = ("run", "--model", "waters", "--source")
-    (words,) = re.findall(r"refused: \*(.*)\*", (HOW_TO / "numbers.md").read_text("utf-8"))
-    refused(f"crab one.png: {words}", *run, "pictures")
-    (code,) = snippets("numbers.md")
-    exec(code, {})
-    assert [*map(str, sorted(Path("numbered").iterdir()))] == [
-        "numbered/crab one_0001.png",
-        "numbered/tower_0002.png",
-    ]
-    assert "2 frames" in succeeds(*run, "numbered").err + succeeds(*run, "numbered").out
-    with pytest.raises(FileExistsError):
-        exec(code, {})
+        (pictures / f"{name}.png").write_bytes(picture.read_bytes())
+    ran = succeeds("run", "--model", "waters", "--source", pictures)
+    assert "2 frames" in ran.err + ran.out
+    (record,) = re.findall(r"`(tokt_\w+.json)`", (HOW_TO / "numbers.md").read_text("utf-8"))[:1]
+    numbers = json.loads((pictures / record).read_text("utf-8"))["numbers"]
+    assert numbers == {"left": {"crab one.png": 1, "tower.png": 2}}

@@ -1,4 +1,4 @@
-"""Where frames come in their dive, by time where it is known, and how long a scene stays the same.
+"""Positions of frames in their dive, by time where it is known, and the length of a scene.
 
 Blocks of frames that are held out together, and the gaps around them, are counted in frames of the
 dive. A number in a file's name is no time: the same pictures, numbered in steps of ten, would give
