@@ -39,9 +39,11 @@ _RETRY_S = 0.02  # between two tries to be the one who writes
 _PRIMARY = 0xFF  # of an SQLite error code: the rest tells kinds of it apart
 _CHUNK = 20_000  # events read at once; others use the store between two chunks
 
-_LAST = """SELECT {what} FROM events WHERE mission = {of}mission AND camera = {of}camera
-    AND frame = {of}frame AND grid = {of}grid AND row = {of}row AND col = {of}col
-    AND annotator = {of}annotator AND source = {of}source {more} ORDER BY id DESC LIMIT 1"""
+# SQLite would prepare a statement anew for each value of `source`, as one index is of one alone.
+_BY_CELL = "events INDEXED BY events_by_cell"
+_LAST = f"""SELECT {{what}} FROM {_BY_CELL} WHERE mission = {{of}}mission AND camera = {{of}}camera
+    AND frame = {{of}}frame AND grid = {{of}}grid AND row = {{of}}row AND col = {{of}}col
+    AND annotator = {{of}}annotator AND source = {{of}}source {{more}} ORDER BY id DESC LIMIT 1"""
 _SAID = "label, CASE source WHEN 'model' THEN model_version END"
 
 # A person who says the same again, or a model version that suggests the same again, adds nothing.
@@ -50,7 +52,7 @@ _SAID = "label, CASE source WHEN 'model' THEN model_version END"
 _ADD = f"""INSERT INTO events ({COLUMNS}) SELECT {VALUES}
     WHERE (:label, CASE :source WHEN 'model' THEN :model_version END) IS NOT (
         {_LAST.format(what=_SAID, of=":", more="")})
-    AND NOT EXISTS (SELECT 1 FROM events WHERE {AT} AND annotator = :annotator
+    AND NOT EXISTS (SELECT 1 FROM {_BY_CELL} WHERE {AT} AND annotator = :annotator
         AND source = :source AND label IS :label AND time = :time
         AND model_version IS :model_version)"""
 

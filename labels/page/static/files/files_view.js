@@ -91,6 +91,7 @@ function importing() {
   const files = Object.entries(mission.formats).filter(([name]) => name !== "patches");
   const form = choice([["", ANY], ...files], "", { on });
   const annotator = el("input", { maxlength: 60, placeholder: ANY, on });
+  const folder = el("input", { maxlength: 60, placeholder: mission.mission, on });
   const cameras = Object.keys(mission.cameras);
   const camera = choice(cameras, cameras[0], { on });
   const told = el("div", { role: "status" });
@@ -100,6 +101,7 @@ function importing() {
     if (!chosen) return;
     const params = { name: chosen.name, format: form.value || null, apply: apply ? 1 : null };
     Object.assign(params, { annotator: annotator.value.trim() || null, camera: camera.value });
+    Object.assign(params, { folder: folder.value.trim() || null });
     const map = Object.entries(named).map(([theirs, ours]) => `${theirs}=${ours}`);
     told.replaceChildren(el("p", { text: apply ? "Importing …" : "Reading …" }));
     const request = send("/api/import", { ...params, map }, chosen);
@@ -112,6 +114,7 @@ function importing() {
     field("File", file),
     field("Format", form),
     field("Labels by", annotator),
+    field("Its folder of this mission", folder),
     cameras.length > 1 ? field("Camera, if it names none", camera) : null,
     told,
   ];
