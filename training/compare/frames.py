@@ -40,7 +40,9 @@ OCEAN, OBSTACLE_FRAME, NEITHER = "ocean", "obstacle", "neither"
 class FrameSeries:
     """The frames that are compared, dive by dive and camera by camera, in order."""
 
-    table: pd.DataFrame  # mission, camera, frame, position, kind (as above), fold (-1 for none)
+    # Columns mission, camera, frame, position, kind (as above), fold (-1 for none), and block:
+    # frames of different ones are no near copies.
+    table: pd.DataFrame
     starts: I64  # rows at which another dive or camera begins
     gaps: I64  # (n_frames,): frames missing just before each one, in its own sequence
 
@@ -51,6 +53,9 @@ class FrameSeries:
         They come in the order of their positions, or of their numbers in a table without these.
         """
         table = table.assign(position=positions_of(table))
+        if "block" not in table:
+            keys = zip(table.mission, table.position, strict=True)
+            table = table.assign(block=[block_of(*key) for key in keys])
         table = table.sort_values(DIVE_ORDER, ignore_index=True)
         new = (table[["mission", "camera"]] != table[["mission", "camera"]].shift()).any(axis=1)
         starts = np.flatnonzero(new)
@@ -148,8 +153,7 @@ def frame_figures(
                 "false": found is not None and (labelled is None or place[found] < place[labelled]),
             }
         )
-    keys = series.table[["mission", "position"]].itertuples(index=False, name=None)
-    block = np.array([block_of(*key) for key in keys], object)
+    block = series.table.block.to_numpy()
     hourly = false_status_per_hour(
         int((said & ocean).sum()),
         int(ocean.sum()),

@@ -118,7 +118,9 @@ def _folds(kept: Mapping[str, pd.DataFrame], by_dive: bool) -> tuple[I64, dict[s
     }
 
 
-def _frames(table: pd.DataFrame, truth: Bools, bundle: Bundle) -> pd.DataFrame:
+def _frames(
+    table: pd.DataFrame, truth: Bools, bundle: Bundle, dataset: DatasetVersion | None
+) -> pd.DataFrame:
     """One row a frame, with its kind and its fold."""
     groups = table.assign(clear=~truth).groupby(DIVE_ORDER)
     frames = groups.agg(n=("clear", "size"), clear=("clear", "all"), fold=("fold", "first"))
@@ -130,7 +132,11 @@ def _frames(table: pd.DataFrame, truth: Bools, bundle: Bundle) -> pd.DataFrame:
     ]
     sides = [~frames.clear, frames.n == in_view]
     frames["kind"] = np.select(sides, [OBSTACLE_FRAME, OCEAN], NEITHER)
-    return frames.reset_index()[[*DIVE_ORDER, "kind", "fold"]]
+    frames = frames.reset_index()
+    if dataset is not None:
+        keys = zip(frames.mission, frames.position, strict=True)
+        frames["block"] = [dataset.independent_block(*key) for key in keys]
+    return frames
 
 
 def _predictions(
@@ -246,7 +252,7 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     first = kept[labels[0]].assign(fold=number)
     bundles = {label: registry.bundle(label) for label in labels}
     truth = np.asarray(bundles[labels[0]].model.obstacle, bool)[first.target.to_numpy()]
-    series = FrameSeries.of(_frames(first, truth, bundles[labels[0]]))
+    series = FrameSeries.of(_frames(first, truth, bundles[labels[0]], datasets[labels[0]]))
     # The table is sorted as the series is.
     frame = first.groupby(DIVE_ORDER).ngroup().to_numpy(np.int64)
     names = list(dict.fromkeys(str(recipe["provenance"]["dataset"]) for recipe in recipes.values()))

@@ -20,6 +20,7 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.operating_point import MAX_WINDOW, missed_before
 from tokt.training.datasets.dataset import FRAME_KEY, PATCH_COLUMNS
+from tokt.training.datasets.dive_positions import independent_blocks
 from tokt.training.datasets.folds import BLOCK_FRAMES
 from tokt.training.datasets.mission_source import LabelledMission
 from tokt.training.datasets.split import blocks_of
@@ -93,17 +94,24 @@ def _score(
 def _patches(
     records: Sequence[LabelRecord],
     missions: Mapping[str, Mission],
+    blocks: Mapping[str, Mapping[int, str]],
     single_pictures: Collection[str],
 ) -> pd.DataFrame:
     rows = [(r.mission, r.camera, r.frame, r.row, r.col, str(r.label), r.mission) for r in records]
     patches = pd.DataFrame(rows, columns=PATCH_COLUMNS)
     patches["position"] = [missions[r.mission].place(r.frame) + 1 for r in records]
-    return patches.assign(group=blocks_of(patches, BLOCK_FRAMES, single_pictures))
+    groups = zip(patches.mission, patches.frame, blocks_of(patches, 1, ()), strict=True)
+    patches["group"] = [
+        alone if mission in single_pictures else blocks[mission][frame]
+        for mission, frame, alone in groups
+    ]
+    return patches
 
 
 def _frames(
     name: str,
     mission: Mission,
+    blocks: Mapping[int, str],
     frames: Sequence[int],
     records: Sequence[LabelRecord],
     taxonomy: Taxonomy,
@@ -113,8 +121,11 @@ def _frames(
     sides = frame_kinds(frames, records, taxonomy, n)
     for kind, numbers in zip((OCEAN, OBSTACLE_FRAME), sides, strict=True):
         kinds |= dict.fromkeys(numbers, kind)
-    rows = [(name, LEFT, n, mission.place(n) + 1, kind, -1) for n, kind in kinds.items()]
-    return pd.DataFrame(rows, columns=[*FRAME_KEY, "position", "kind", "fold"])
+    rows = [
+        (name, LEFT, number, mission.place(number) + 1, kind, -1, blocks[number])
+        for number, kind in kinds.items()
+    ]
+    return pd.DataFrame(rows, columns=[*FRAME_KEY, "position", "kind", "fold", "block"])
 
 
 def _predictions(
@@ -168,6 +179,7 @@ def predict_missions(
     keys: list[tuple[str, int]] = []
     missed: list[int] = []
     tables, what, unsure, ranges = [], [], 0, {}
+    blocks: dict[str, dict[int, str]] = {}
     labelled = {one.name: one for one in missions}
     by_name = {name: labelled[name].mission for name in sorted(labelled)}
     for name, mission in by_name.items():
@@ -180,7 +192,8 @@ def predict_missions(
             raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
         check_unseen(bundles, mission, sorted({record.frame for record in mine}), progress)
         in_view = labelled[name].patches_in_view(bundles[0].grid)
-        table = _frames(name, mission, numbers, merged, taxonomy, in_view)
+        blocks[name] = independent_blocks(mission)
+        table = _frames(name, mission, blocks[name], numbers, merged, taxonomy, in_view)
         ranges[name] = known_distances(mission, labelled_approaches(table), stated, progress)
         tables.append(table)
         in_dive = [mission.place(number) for number in numbers]
@@ -189,7 +202,7 @@ def predict_missions(
         what.append(f"mission {mission.name}, frames {format_frames(numbers)}")
         sure, unsure = sure + mine, unsure + len(merged) - len(mine)
     single = [name for name, mission in by_name.items() if why_single_pictures(mission)]
-    patches = _patches(sure, by_name, single)
+    patches = _patches(sure, by_name, blocks, single)
     truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
     scored = progress(keys, len(keys), "scoring")
     run = (
@@ -226,7 +239,8 @@ def _notes(
         "No model learnt from any of these frames: they were compared pixel by pixel with what "
         f"each model learnt from. {unsure} patches marked unsure are not scored. Each frame is "
         "judged at the frame rule in the model's bundle. Blocks of "
-        f"{BLOCK_FRAMES} frames count as independent{alone}."
+        f"{BLOCK_FRAMES} frames, or as long as the scene stays the same, count as "
+        f"independent{alone}."
     ]
     same = [bundle.label for bundle in bundles if mission_in_training(bundle, sure)]
     if same:

@@ -51,7 +51,7 @@ from tokt.labels.taxonomy import Taxonomy
 from tokt.models.sight import SightLimits
 
 from .dataset_sight import measured_sight, unseen_frames
-from .folds import joined_names
+from .folds import BLOCK_FRAMES, block_of, joined_names
 from .frame_rows import SUFFIX as ROWS
 from .frame_rows import file_name
 
@@ -150,6 +150,11 @@ class DatasetVersion:
     def has_positions(self) -> bool:
         """Whether it says where frames come in their dives; of an older one their numbers do."""
         return bool(self.info["format_version"] > 1)
+
+    def independent_block(self, mission: str, position: int) -> str:
+        """The block of a frame, no shorter than the scene stays the same, or `BLOCK_FRAMES`."""
+        scene = self.info.get("scene_frames", {}).get(mission, 0)
+        return block_of(mission, position, max(BLOCK_FRAMES, scene))
 
     @cached_property
     def frames(self) -> pd.DataFrame:

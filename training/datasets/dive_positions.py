@@ -24,6 +24,8 @@ from tokt.features.common.names import same_text
 from tokt.features.frames.mission import LEFT, FolderMission, Mission
 from tokt.labels.formats.frame_metadata import mission_metadata
 
+from .folds import BLOCK_FRAMES, block_of
+
 TIMES_FILE = "times.csv"
 """Beside the frames: columns ``file`` and ``time`` (seconds, or ISO 8601)."""
 
@@ -165,6 +167,16 @@ def scene_length(mission: Mission, positions: Mapping[int, int]) -> int | None:
     if len(small) < _LEAST_FRAMES:
         return None
     return _length(np.array(small, np.float64), np.array(places, np.int64))
+
+
+def independent_blocks(mission: Mission) -> dict[int, str]:
+    """Return the block of each frame: frames of different blocks are no near copies.
+
+    A block is as long as the scene stays the same, and no shorter than `BLOCK_FRAMES`.
+    """
+    positions = dive_positions(mission).of_frame
+    length = max(BLOCK_FRAMES, scene_length(mission, positions) or 0)
+    return {frame: block_of(mission.name, at, length) for frame, at in positions.items()}
 
 
 def _chosen(frames: Sequence[int]) -> list[int]:

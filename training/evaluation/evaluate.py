@@ -26,7 +26,7 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import missed_before
 from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
-from tokt.training.datasets.folds import block_of
+from tokt.training.datasets.dive_positions import independent_blocks
 from tokt.training.datasets.mission_source import PATCH_GRID, LabelledMission, patch_images
 
 from .approaches import (
@@ -171,13 +171,14 @@ def _frame_figures(
     false = [number for number in ocean if status[number] == OBSTACLE and number not in memory]
     held = [number for number in ocean if number in memory]
     missed = [number for number in obstacle if status[number] != OBSTACLE]
+    blocks = independent_blocks(mission)
     return {
         "n": len(scored.frames),
         "ocean_frames": len(ocean),
         "false_status": len(false),
         "false_status_frames": false,
-        "ocean_blocks": len({_block(mission, number) for number in ocean}),
-        "false_status_blocks": len({_block(mission, number) for number in false}),
+        "ocean_blocks": len({blocks[number] for number in ocean}),
+        "false_status_blocks": len({blocks[number] for number in false}),
         "held_status": len(held),
         "held_status_frames": held,
         "obstacle_frames": len(obstacle),
@@ -190,11 +191,6 @@ def _frame_figures(
         "unknown_reasons": unknown_reasons(scored.verdicts),
         "not_judged": len(scored.frames) - len(ocean) - len(obstacle),
     }
-
-
-def _block(mission: Mission, number: int) -> str:
-    """The frames that count as one with a frame, as near copies of each other."""
-    return block_of(mission.name, mission.place(number) + 1)
 
 
 def classes_and_targets(

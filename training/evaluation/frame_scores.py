@@ -21,7 +21,6 @@ from tokt.models.operating_point import (
     missed_before,
 )
 from tokt.training.datasets.dataset import DIVE_ORDER, FRAME_KEY, DatasetVersion
-from tokt.training.datasets.folds import block_of
 
 from .approaches import KnownDistances, approach_figures, approaches, false_status_per_hour
 
@@ -174,7 +173,7 @@ def frame_figures(
     judged = of_frame >= 0
     ocean, obstacle = frames.ocean & judged, (frames.obstacles > 0) & judged
     keys = frames.keys[["mission", "position"]].itertuples(index=False, name=None)
-    blocks = np.array([block_of(*key) for key in keys], object)
+    blocks = np.array([dataset.independent_block(*key) for key in keys], object)
     three = windowed(said[:, None].astype(np.float64), frames.place, 3, 3)[:, 0] == 1
     followed_by_two = np.append(three[2:], [False, False])[: len(frames)]
     return {

@@ -16,7 +16,7 @@ import pandas as pd
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.features.frames.mission import LEFT, format_frames, open_mission
+from tokt.features.frames.mission import LEFT, Mission, format_frames, open_mission
 from tokt.inference.outputs.udp import decode
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.formats.options import Progress
@@ -28,6 +28,7 @@ from tokt.models.store.store import Store
 from tokt.training.compare.bootstrap import compare_f1
 from tokt.training.datasets import folds, mission_source
 from tokt.training.datasets.dataset import write_dataset
+from tokt.training.datasets.dive_positions import dive_positions
 from tokt.training.datasets.split import Split
 from tokt.training.evaluation.evaluate import evaluate_missions, score_mission
 from tokt.training.fitting.classifier import decision_values
@@ -67,25 +68,30 @@ def block_rule(records: list[LabelRecord]) -> tuple[int, int]:
 
 
 def hold_back(
-    records: list[LabelRecord], taxonomy: Taxonomy, block_frames: int, embargo_frames: int
+    mission: Mission,
+    records: list[LabelRecord],
+    taxonomy: Taxonomy,
+    block_frames: int,
+    embargo_frames: int,
 ) -> tuple[list[int], list[int]]:
     """Split the labelled left frames of a mission: blocks to learn from, blocks to replay.
 
     Every third block of consecutive frames is held back; frames within the embargo of a
     held-back one are in neither part.
     """
-    is_obstacle = taxonomy.is_obstacle
+    is_obstacle, positions = taxonomy.is_obstacle, dive_positions(mission).of_frame
     rows = [
         (
             r.mission,
             r.frame,
-            folds.block_of(r.mission, r.frame, block_frames),
+            positions[r.frame],
+            folds.block_of(r.mission, positions[r.frame], block_frames),
             is_obstacle(str(r.label)),
         )
         for r in records
         if r.label != UNSURE and r.camera == LEFT
     ]
-    table = pd.DataFrame(rows, columns=["mission", "frame", "group", "obstacle"])
+    table = pd.DataFrame(rows, columns=["mission", "frame", "position", "group", "obstacle"])
     targets = table.obstacle.to_numpy(np.int64)
     fold = folds.every_nth_block(table, targets, _HOLD_BACK_EVERY, embargo_frames)
     frames = table.frame.to_numpy()
@@ -97,7 +103,7 @@ def _check_given(mission: Path, labels: Path) -> Path:
     opened, taxonomy = open_mission(mission), Taxonomy.load()
     read = read_label_csv(labels, taxonomy)
     records, _ = mission_source.labels_of_mission(opened, read, DEFAULT_GRID, only=True)
-    hold_back(records, taxonomy, *block_rule(records))
+    hold_back(opened, records, taxonomy, *block_rule(records))
     return opened.path
 
 
@@ -113,7 +119,7 @@ def _prepare(out: Path, mission: Path, labels: Path | None, say: Notice) -> Demo
     if remark:
         say(f"note: {remark}")
     block, embargo = block_rule(records)
-    train_frames, held = hold_back(records, taxonomy, block, embargo)
+    train_frames, held = hold_back(opened, records, taxonomy, block, embargo)
     return DemoRun(opened, records, taxonomy, block, embargo, train_frames, held)
 
 

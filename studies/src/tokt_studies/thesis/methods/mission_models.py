@@ -19,12 +19,14 @@ import numpy as np
 
 from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import Mission
 from tokt.inference.texture.detector import MofNRun, min_mask_patches
 from tokt.inference.verdict import UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.operating_point import MofNRule, frame_step, missed_before
 from tokt.training.datasets.changed_patches import ChangedPatches
 from tokt.training.datasets.dataset import DatasetVersion, write_dataset
+from tokt.training.datasets.dive_positions import dive_positions
 from tokt.training.datasets.folds import (
     BLOCK_FRAMES,
     EMBARGO_FRAMES,
@@ -134,7 +136,7 @@ def _learn(
     check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
-    judges = _judges(dataset, folds, list(features), split.embargo_frames)
+    judges = _judges(dataset, folds, list(features), inputs.mission, split.embargo_frames)
     rules: list[MofNRule] = []
     said: dict[int, tuple[int, F64]] = {}
     for index, fold in enumerate(inputs.progress(folds, len(folds), "our texture, held out")):
@@ -152,10 +154,15 @@ def _learn(
 
 
 def _judges(
-    dataset: DatasetVersion, folds: Sequence[Fold], frames: Sequence[int], embargo_frames: int
+    dataset: DatasetVersion,
+    folds: Sequence[Fold],
+    frames: Sequence[int],
+    mission: Mission,
+    embargo_frames: int,
 ) -> dict[int, int]:
     """Which fold's model judges a frame; a frame that none may judge is left out."""
-    frame = dataset.patches.frame.to_numpy()
+    frame, position = (dataset.patches[name].to_numpy() for name in ("frame", "position"))
+    at = dive_positions(mission).of_frame
     judges = {
         int(number): index
         for index, fold in enumerate(folds)
@@ -163,7 +170,7 @@ def _judges(
     }
     for number in frames:
         if number not in judges:
-            away = [int(np.abs(frame[fold.train] - number).min()) for fold in folds]
+            away = [int(np.abs(position[fold.train] - at[number]).min()) for fold in folds]
             if max(away) > embargo_frames:
                 judges[number] = int(np.argmax(away))
     return judges
