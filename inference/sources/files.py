@@ -46,6 +46,12 @@ class MissionSource:
         if self.rate is not None and not 0 < self.rate < float("inf"):
             raise ToktError(f"a rate is a positive number of frames per second, not {self.rate}")
         cameras = self.mission.cameras
+        both = [set(self.mission.frames(camera)) for camera in cameras]
+        if self.stereo and len(both) > 1 and not set.intersection(*both):
+            raise ToktError(
+                f"mission {self.mission.path} has no pairs: a left and a right picture are one "
+                "where their names are the same. Rename them, or give the folder Left alone"
+            )
         self.numbers = chosen_frames(self.mission, self.frames, *cameras)
         places = [self.mission.place(number) for number in self.numbers]
         self._missed = missed_before(places, 1)

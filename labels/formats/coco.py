@@ -20,6 +20,7 @@ from .text_file import finite, finite_list, listed, objects, of_kind, save_json,
 
 TITLE = "COCO"
 
+_IMAGE_FIELDS = ("id", "file_name", "width", "height", "license", "coco_url", "flickr_url")
 _OF_DIVE = "dive_detection_attributes"
 _ANNOTATION_FIELDS = frozenset(
     [
@@ -84,6 +85,8 @@ def boxes(content: Any, options: ReadOptions, who: str, remarks: Remarks) -> Ite
     """
     document = of_kind(content, dict, "the file")
     images = _by_id(document, "images")
+    for fields in images.values():
+        remarks.pass_over(fields, _IMAGE_FIELDS)
     names = {
         key: of_kind(category.get("name"), str, f"category {key}: name")
         for key, category in _by_id(document, "categories").items()

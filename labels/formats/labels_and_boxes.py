@@ -243,7 +243,7 @@ class _LabelCollector:
             self._remarks[shape.noun, "left out: turned"] += 1
         elif carried is None:
             self._add_foreign(found, label)
-        elif placed := self._placed(found, self._key_of(carried, found)):
+        elif placed := self._placed(found, self._key_of(carried, found), carried.mission):
             shape, size = placed
             who = self._options.annotator, found.annotator
             if not shape.is_of_patch(carried.grid, size, carried.row, carried.col):
@@ -270,18 +270,23 @@ class _LabelCollector:
                 )
         return key
 
-    def _placed(self, found: FoundBox, key: FrameKey) -> tuple[Shape, Size] | None:
+    def _placed(self, found: FoundBox, key: FrameKey, mission: str) -> tuple[Shape, Size] | None:
         """The shape in pixels of the frame, and the frame's size; None where it has no place."""
-        said, images = found.size or size_of(found.attributes), self._options.images
-        try:
-            size = None if images is None else images.size(key)
-        except FrameError:
-            if said is None:
-                raise
-            size = None
+        said, size = found.size or size_of(found.attributes), None
+        images = self._options.images
+        if said is None:
+            images = mission_images(self._options, "boxes without the size of their frame")
+        if images is not None and images.name == mission:
+            try:
+                size = images.size(key)
+            except FrameError:  # then it is what the file says, if it does
+                if said is None:
+                    raise
         size = size or said
         if size is None:
-            size = mission_images(self._options, "boxes without the size of their frame").size(key)
+            raise ToktError(
+                f"no size, and it is of mission {mission!r}: give that mission's frames"
+            )
         if found.in_percent:
             return found.shape.scaled(PERCENT, size), size
         if said in (None, size):
@@ -298,7 +303,7 @@ class _LabelCollector:
         key = self._frame_of(found, images)
         if key is None:
             return
-        placed = self._placed(found, key)
+        placed = self._placed(found, key, images.name)
         if placed is None:
             return
         if isinstance(found.attributes, Mapping):

@@ -164,7 +164,8 @@ def _manifest(path: Path) -> dict[str, LabelRecord]:
 def _found(path: Path, manifest: dict[str, LabelRecord], remarks: Remarks) -> dict[str, str]:
     """The sub-folder of each patch of the manifest; remarks tell of other images."""
     found: dict[str, str] = {}
-    for child in sorted(entry for entry in path.iterdir() if entry.is_dir()):
+    classes = (entry for entry in path.iterdir() if entry.is_dir() and entry.name[0] != ".")
+    for child in sorted(classes):
         for image in sorted(child.iterdir()):
             if image.name not in manifest:
                 is_image = image.suffix.lower() in SUFFIXES

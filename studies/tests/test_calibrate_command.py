@@ -149,7 +149,7 @@ def test_what_cannot_be_done_is_one_line(rendered, tmp_path):
         (near,): "give -o FILE",
         (near, "-o", tmp_path / "own.txt"): "a calibration file ends in",
         (near, "-o", tmp_path / "none" / "own.yml"): "there is no folder",
-        (left, "-o", out): "no frames of two cameras",
+        (left, "-o", out): "has no pairs",
         (water, "-o", out): "no frame has enough points",
         (near, "-o", out, "--baseline", "-3"): "--baseline is a positive number",
         (near, "-o", out, "--frames", "90", "--fit", "even"): "no frame is left to test on",

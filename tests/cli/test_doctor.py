@@ -81,7 +81,7 @@ def test_everything_sound(labelled, store, tmp_path, doctor):
     assert found["kernels"]["kernels"] == KERNELS.name
     assert found["store active"]["model"] == "tiny-lbp/1" and found["store active"]["load_s"] > 0
     assert found["store versions"]["versions"] == 1
-    assert found["labels"]["events"] == 4000 and found["labels"]["format"] == 3
+    assert found["labels"]["events"] == 4000 and found["labels"]["format"] == 4
     assert (found["registry"]["models"], found["registry"]["versions"]) == (1, 1)
     assert found["workspace"]["free_bytes"] > 0
     names = ("store", "store active", "store versions", "labels", "registry", "numpy", "opencv")

@@ -19,6 +19,8 @@ from tests.labels.formats.examples import (
     CVAT,
     DIVE,
     FRAMES,
+    HEIGHT,
+    WIDTH,
     foreign_coco,
     foreign_ifdo,
     foreign_label_studio,
@@ -50,7 +52,7 @@ def write_mission(folder: Path) -> Path:
     for number, (side, frame) in enumerate(product(("Left", "Right"), FRAMES)):
         path = folder / "dive" / side / f"dive_{side[0]}_{frame}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        pixels = np.random.default_rng(number).integers(0, 255, (68, 90, 3), np.uint8)
+        pixels = np.random.default_rng(number).integers(0, 255, (HEIGHT, WIDTH, 3), np.uint8)
         cv2.imwrite(str(path), pixels)
     return folder / "dive"
 

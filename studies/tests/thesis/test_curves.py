@@ -16,6 +16,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import pixel_sha256
 from tokt.inference.verdict import verdict_from_mask
 from tokt.models.bundle.bundle import frame_id
+from tokt.training.datasets.dive_positions import DivePositions
 from tokt.training.fitting.presets import settings_named
 from tokt_studies.baselines.lab_colour import LabColour
 from tokt_studies.baselines.thesis_models import ThesisModel, thesis_model
@@ -138,14 +139,17 @@ def test_no_model_judges_what_it_learnt_from(reproduced, judged, monkeypatch):
     assert sorted(checked) == reproduced.scored
 
 
-def test_a_frame_without_labels_is_judged_from_afar():
-    patches = pd.DataFrame({"frame": [1, 1, 20, 20, 40, 40, 60, 60]})
+def test_a_frame_without_labels_is_judged_from_afar(monkeypatch):
+    numbers = [1, 1, 20, 20, 40, 40, 60, 60]
+    patches = pd.DataFrame({"frame": numbers, "position": numbers})
+    counted = DivePositions({number: number for number in range(100)})
+    monkeypatch.setattr(mission_models, "dive_positions", lambda mission: counted)
     dataset = type("D", (), {"patches": patches})()
     folds = [
         mission_models.Fold(np.array([2, 3, 4, 5, 6, 7]), np.array([0, 1])),
         mission_models.Fold(np.array([0, 1, 4, 5, 6, 7]), np.array([2, 3])),
     ]
-    judges = mission_models._judges(dataset, folds, [1, 4, 20, 21, 41], 5)
+    judges = mission_models._judges(dataset, folds, [1, 4, 20, 21, 41], None, 5)
     # 4 is 3 frames from frame 1 that the second learnt from; 41 is one from 40 for both.
     assert judges == {1: 0, 4: 0, 20: 1, 21: 1}
 

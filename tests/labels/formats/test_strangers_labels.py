@@ -366,7 +366,7 @@ def test_files_of_two_people_with_one_name_do_not_replace_each_other(tmp_path):
     Labels.read(tmp_path / "eva" / "instances_default.csv").add_to(tmp_path)
     Labels.read(tmp_path / "eva" / "instances_default.csv").add_to(tmp_path)
     other = tmp_path / "bo" / "instances_default.csv"
-    refuses("give --annotator NAME", Labels.read(other).add_to, tmp_path)
+    refuses("Give --annotator NAME", Labels.read(other).add_to, tmp_path)
     Labels.read(other, annotator="bo").add_to(tmp_path)
     with LabelStore(tmp_path / FILE_NAME) as store:
         assert {(r.annotator, r.label) for r in store.current()} == {
