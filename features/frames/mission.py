@@ -53,10 +53,10 @@ class Mission(Protocol):
         """
 
     def place(self, frame: int) -> int:
-        """Where a frame of any camera comes in the dive, from 0."""
+        """Return the place of a frame of any camera in the dive, from 0."""
 
     def file_name(self, frame: int, camera: str = LEFT) -> str | None:
-        """The whole name of a frame's own file, without folders; None where it has none."""
+        """Return the whole name of a frame's own file, without folders; None where it has none."""
 
     def read(self, frame: int, camera: str = LEFT) -> U8:
         """One frame as the camera gave it: uint8, gray or BGR. Raises FrameError."""
@@ -158,7 +158,7 @@ class FolderMission:
         return f"{what} of a kind that tokt does not read ({endings}): convert to PNG"
 
     def place(self, frame: int) -> int:
-        """Where a frame comes in the dive, from 0, by the whole names of its files."""
+        """Return the place of a frame in the dive, from 0, by the whole names of its files."""
         return self._places[frame]
 
     def file_name(self, frame: int, camera: str = LEFT) -> str | None:
@@ -251,7 +251,7 @@ class VideoMission:
         return np.asarray(image, np.uint8)
 
     def place(self, frame: int) -> int:
-        """Where a frame comes in the video, from 0."""
+        """Return the place of a frame in the video, from 0."""
         return frame - 1
 
     def file_name(self, frame: int, camera: str = LEFT) -> str | None:

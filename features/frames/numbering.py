@@ -77,19 +77,30 @@ def numbered_files(mission: Path, files: Files) -> dict[str, dict[int, Path]]:
 
 def dive_order(files: Mapping[str, Mapping[int, Path]]) -> dict[int, int]:
     """Return the place of each frame number in the dive, from 0, over all cameras."""
-    order = {}
+    first: dict[int, Path] = {}
     for numbered in files.values():
-        order.update({number: natural_order(path)[:2] for number, path in numbered.items()})
-    ranked = sorted(order, key=lambda number: (order[number], number))
+        first = {**numbered, **first}
+    ranked = sorted(first, key=lambda number: natural_order(first[number]))
     return {number: place for place, number in enumerate(ranked)}
 
 
 def _keys(files: Files, camera: str) -> dict[str, Key]:
-    """What a pair has in common, by file name."""
+    """Return what the two files of a pair have in common, by file name.
+
+    No two files of a camera have it in common, such as ``a_1.jpg`` and ``a_1.png``.
+    """
+    found = _common_parts(files, camera)
+    times = Counter(found.values())
+    return {name: key if times[key] == 1 else (*key, name) for name, key in found.items()}
+
+
+def _common_parts(files: Files, camera: str) -> dict[str, Key]:
     parts = {side: [_split(path) for path in paths] for side, paths in files.items()}
     every = [each for some in parts.values() for each in some]
     shapes = {tuple(type(part) for part in each) for each in every}
     mine = zip(files[camera], parts[camera], strict=True)
+    if len(files) == 1:
+        return {same_text(path.name): tuple(each) for path, each in mine}
     if len(shapes) > 1 or any(len(some) == 1 for some in parts.values()):
         return {same_text(path.name): _without_side(each) for path, each in mine}
     told = [
@@ -174,7 +185,8 @@ def _given_numbers(
         if key not in by_key:
             by_key[key] = next(number for number in free if number not in used)
     return {
-        camera: {name: by_key[key] for name, key in some.items()} for camera, some in keys.items()
+        camera: {name: given.get(camera, {}).get(name, by_key[key]) for name, key in some.items()}
+        for camera, some in keys.items()
     }
 
 

@@ -133,7 +133,7 @@ def _by_id(document: dict[str, Any], name: str) -> dict[int, dict[str, Any]]:
 
 
 def _attributes(annotation: dict[str, Any]) -> dict[str, Any]:
-    """What other tools say of a box, in the places that CVAT and DIVE have for it."""
+    """Return the attributes of a box, from the places that CVAT and DIVE have for them."""
     found = {name: annotation[name] for name in READ if name in annotation}
     for place in (annotation.get(_OF_DIVE), annotation.get("attributes")):
         found |= place if isinstance(place, dict) else {}

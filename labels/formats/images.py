@@ -42,7 +42,7 @@ class FrameKey(NamedTuple):
 
 @dataclass(frozen=True)
 class NamedFrame:
-    """What a name in a file of another tool is here: one frame, or why it is none."""
+    """The frame that a file of another tool names, or the reason why there is none."""
 
     key: FrameKey | None = None
     folder: str = ""  # the dive that the name says, where that is another one than the mission

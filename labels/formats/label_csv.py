@@ -166,7 +166,7 @@ class _RowReader:
 
 
 def _key(record: LabelRecord) -> tuple[object, ...]:
-    """What a file says once: of a patch, by whom. It is settled once, whoever did it."""
+    """Return the patch and who labelled it, as a file says it once; a patch is settled once."""
     settled = record.source == SETTLED
     who = SETTLED if settled else HUMAN, "" if settled else record.annotator
     return (*record.cell[:3], str(record.grid), record.row, record.col, *who)

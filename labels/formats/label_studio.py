@@ -158,7 +158,7 @@ def _made(annotation: dict[str, Any]) -> str | None:
 
 @dataclass(frozen=True)
 class _Said:
-    """What holds for all boxes of one annotation or prediction."""
+    """The image, the person and the time of all boxes of one annotation or prediction."""
 
     image: str
     task: str

@@ -94,7 +94,7 @@ def mission_images(options: ReadOptions | WriteOptions, what: str) -> MissionIma
 
 
 class Remarks(Counter[tuple[str, str]]):
-    """What of a file is not taken over as it stands there.
+    """Remarks on a file: the counts of all that is not taken over as it stands there.
 
     It counts how many of something, and what about them: ``("box", "left out: without area")``.
     An entry that cannot be read is left out alone, and shown with its place.

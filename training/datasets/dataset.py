@@ -148,7 +148,7 @@ class DatasetVersion:
 
     @property
     def has_positions(self) -> bool:
-        """Whether it says where frames come in their dives; of an older one their numbers do."""
+        """True unless it is of an older tokt, whose blocks go by the numbers of frames."""
         return bool(self.info["format_version"] > 1)
 
     def independent_block(self, mission: str, position: int) -> str:
@@ -332,7 +332,7 @@ def _content_hash(info: dict[str, Any], patches: pd.DataFrame, frames: pd.DataFr
 
 @dataclass(frozen=True)
 class _StoredFrames:
-    """What was read of a plan's frames."""
+    """The frames of a plan as they were read."""
 
     frames: pd.DataFrame  # of `_FRAME_COLUMNS` and `_PLACED`
     unseen: pd.DataFrame  # of `PATCH_KEY`: patches in which nothing is seen, each with the `cause`

@@ -42,7 +42,7 @@ _LEAST_FRAMES = 40  # of a dive: of fewer there are too few pairs
 
 @dataclass(frozen=True)
 class DivePositions:
-    """Where a dive's frames come, counted in frames from 1."""
+    """The positions of a dive's frames, counted in frames from 1."""
 
     of_frame: dict[int, int]
     remark: str = ""  # what a person should know of how it was found
@@ -212,7 +212,7 @@ def _length(small: F64, places: I64) -> int:
 
 
 def _crossing(before: tuple[float, float], at: tuple[float, float], level: float) -> int:
-    """Where a line between two points, over the logarithm of the distance, reaches a level."""
+    """Return the distance at which a line between two points reaches a level, on a log scale."""
     if before[0] == 0 or at[1] == before[1]:
         return ceil(at[0])
     part = (level - before[1]) / (at[1] - before[1])

@@ -58,7 +58,7 @@ def block_of(mission: str, position: int, frames: int = BLOCK_FRAMES) -> str:
 
 
 def positions_of(patches: pd.DataFrame) -> I64:
-    """Where each row's frame is in its dive, counted in frames; tables without it have numbers."""
+    """Return each row's position in its dive; in tables without positions it is the number."""
     return np.asarray(patches["position" if "position" in patches else "frame"])
 
 

@@ -283,7 +283,7 @@ def _blocks_in_words(dataset: DatasetVersion, split: Split) -> str:
 
 
 def _positions_in_words(dataset: DatasetVersion) -> str:
-    """What blocks are counted in, and how long a scene stays the same."""
+    """Say how frames are counted, and how long a scene stays the same."""
     if not dataset.has_positions:
         return (
             " Frames are counted by their numbers, as the dataset is of an older tokt: built again "

@@ -45,7 +45,7 @@ class MissionSuggestions:
     place_of: Mapping[int, int] = field(default_factory=dict)
 
     def places(self, frames: Iterable[int]) -> I64:
-        """Where frames come in the dive."""
+        """Return the places of frames in the dive."""
         return np.array([self.place_of.get(frame, frame) for frame in frames], np.int64)
 
 

@@ -58,7 +58,13 @@ def test_names_that_end_in_different_numbers_are_in_their_order(numbers, width):
 
 AMBIGUOUS = ["T1-01.png", "T1-02.png", "T2-01.png", "T2-02.png", "IMG_0007.png"]
 AMBIGUOUS += ["IMG_0007 (1).png"]
-AMBIGUOUS += ["GP_000123_rect_color.png", "20190513T101112.123Z.png"]
+AMBIGUOUS += [
+    "T1-01.jpg",
+    "left_1.png",
+    "right_1.png",
+    "GP_000123_rect_color.png",
+    "20190513T101112.123Z.png",
+]
 
 
 @given(st.lists(st.sampled_from(AMBIGUOUS), min_size=2, unique=True), st.randoms())
@@ -73,7 +79,7 @@ def test_a_number_is_given_once_and_stays_whatever_is_added(tmp_path_factory, na
         for file, number in now.items():
             if kept and file in given_numbers:
                 assert number == given_numbers[file]
-        assert len(set(now.values())) == len(now)
+        assert len(set(now.values())) == len(now) == len([*folder.glob("*.[jp][pn]g")])
         given_numbers = now if kept else {}
         if len(now) > 1 and rng.random() < 0.3:
             (folder / rng.choice(sorted(now))).unlink()
