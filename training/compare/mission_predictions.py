@@ -192,7 +192,7 @@ def predict_missions(
             raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
         check_unseen(bundles, mission, sorted({record.frame for record in mine}), progress)
         in_view = labelled[name].patches_in_view(bundles[0].grid)
-        blocks[name] = independent_blocks(mission)
+        blocks[name] = independent_blocks(mission, numbers)
         table = _frames(name, mission, blocks[name], numbers, merged, taxonomy, in_view)
         ranges[name] = known_distances(mission, labelled_approaches(table), stated, progress)
         tables.append(table)

@@ -6,11 +6,11 @@ blocks a tenth as long, whose neighbours are near copies of each other.
 """
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
-from math import ceil
+from math import ceil, isfinite
 from pathlib import Path
 from statistics import median
 
@@ -21,7 +21,7 @@ from PIL import Image
 from tokt.features.common.arrays import F64, I64
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.common.names import same_text
-from tokt.features.frames.mission import LEFT, FolderMission, Mission
+from tokt.features.frames.mission import LEFT, FolderMission, Mission, VideoMission
 from tokt.labels.formats.frame_metadata import mission_metadata
 
 from .folds import BLOCK_FRAMES, block_of
@@ -37,6 +37,7 @@ _ALIKE = 0.5
 """A scene is another one where frames are half as unlike as any two frames of the dive."""
 _FEWEST_PAIRS = 8  # of frames equally far apart, for a median
 _GROWTH = 1.25  # of the distances, from one to the next, at which frames are compared
+_LONGEST_DIVE = 10**9  # frames; a year at 30 a second
 _LEAST_FRAMES = 40  # of a dive: of fewer there are too few pairs
 
 
@@ -83,6 +84,8 @@ def dive_positions(mission: Mission) -> DivePositions:
         if min(steps) == 0:  # whole seconds, of a camera that takes several a second
             return DivePositions(by_order)
         usual = median(steps)
+        if (seconds[-1] - seconds[0]) / usual > _LONGEST_DIVE:
+            return DivePositions(by_order, f"times of {source} are years apart: not used")
         places = np.rint((np.array(seconds) - seconds[0]) / usual).astype(np.int64)
         # Frames nearer than half a step still follow each other.
         places = np.maximum.accumulate(places - np.arange(len(places))) + np.arange(len(places))
@@ -117,10 +120,13 @@ def _times_in_table(mission: FolderMission) -> dict[int, float]:
 def _seconds(text: str) -> float:
     """A time in seconds, or as ISO 8601 writes it."""
     try:
-        return float(text)
+        seconds = float(text)
     except ValueError:
         moment = datetime.fromisoformat(text)
-        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+        seconds = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    if not isfinite(seconds):
+        raise ValueError(f"{text[:20]!r} is no time")
+    return seconds
 
 
 def _times_in_ifdo(mission: FolderMission) -> dict[int, float]:
@@ -138,21 +144,27 @@ def _times_in_pictures(mission: FolderMission) -> dict[int, float]:
                 exif = picture.getexif().get_ifd(_EXIF)
             moment = datetime.strptime(str(exif[_TAKEN]), "%Y:%m:%d %H:%M:%S")
             part = float(f"0.{str(exif.get(_FRACTION) or 0).strip()}")
-        except (KeyError, ValueError, OSError, SyntaxError):
+        except (KeyError, ValueError, OSError, SyntaxError, Image.DecompressionBombError):
             return {}
         found[number] = moment.replace(tzinfo=UTC).timestamp() + part
     return found
 
 
-def scene_length(mission: Mission, positions: Mapping[int, int]) -> int | None:
+def scene_length(
+    mission: Mission, positions: Mapping[int, int], used: Collection[int] = ()
+) -> int | None:
     """Return the frames for which a scene stays the same; None of too few frames.
 
     It is the distance at which two frames are half as unlike as two frames that are a quarter of
     the dive or more apart, in the median. Unlike is 1 minus the correlation of two small gray
     pictures, without what all pictures of the dive have in common. Where frames a quarter of the
     dive apart are not that unlike, it is a quarter of the dive.
+
+    A video is read in order: it is looked at up to the last of the frames that are `used`.
     """
     frames = mission.frames(LEFT)
+    if used and isinstance(mission, VideoMission):
+        frames = frames[: mission.place(max(used)) + 1]
     if len(frames) < _LEAST_FRAMES:
         return None
     small, places = [], []
@@ -169,13 +181,13 @@ def scene_length(mission: Mission, positions: Mapping[int, int]) -> int | None:
     return _length(np.array(small, np.float64), np.array(places, np.int64))
 
 
-def independent_blocks(mission: Mission) -> dict[int, str]:
+def independent_blocks(mission: Mission, used: Collection[int]) -> dict[int, str]:
     """Return the block of each frame: frames of different blocks are no near copies.
 
-    A block is as long as the scene stays the same, and no shorter than `BLOCK_FRAMES`.
+    A block is as long as the scene stays the same (`scene_length`), or `BLOCK_FRAMES` at the least.
     """
     positions = dive_positions(mission).of_frame
-    length = max(BLOCK_FRAMES, scene_length(mission, positions) or 0)
+    length = max(BLOCK_FRAMES, scene_length(mission, positions, used) or 0)
     return {frame: block_of(mission.name, at, length) for frame, at in positions.items()}
 
 

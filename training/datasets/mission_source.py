@@ -303,7 +303,10 @@ def _scene_lengths(
     missions: Iterable[LabelledMission], positions: Mapping[str, Mapping[int, int]]
 ) -> dict[str, int]:
     """Frames for which a scene stays the same, of missions where that can be measured."""
-    lengths = {one.name: scene_length(one.mission, positions[one.name]) for one in missions}
+    lengths = {
+        one.name: scene_length(one.mission, positions[one.name], {r.frame for r in one.records})
+        for one in missions
+    }
     return {name: length for name, length in lengths.items() if length is not None}
 
 

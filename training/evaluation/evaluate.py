@@ -171,7 +171,7 @@ def _frame_figures(
     false = [number for number in ocean if status[number] == OBSTACLE and number not in memory]
     held = [number for number in ocean if number in memory]
     missed = [number for number in obstacle if status[number] != OBSTACLE]
-    blocks = independent_blocks(mission)
+    blocks = independent_blocks(mission, scored.frames)
     return {
         "n": len(scored.frames),
         "ocean_frames": len(ocean),

@@ -126,6 +126,9 @@ def test_time_decides_where_it_is_known(tmp_path):
     found = dive_positions(mission)
     assert "earlier than the one before it" in found.remark
     assert [*found.of_frame.values()] == [1, 2, 3, 4, 5, 6]
+    for odd in ("nan", "1e999", "soon", ""):
+        times.write_text("file,time\n" + "".join(f"{name},{odd}\n" for name in names))
+        assert "not a table of columns file and time" in dive_positions(mission).remark
     times.write_text("a,b\n1,2\n")
     assert "not a table of columns file and time" in dive_positions(mission).remark
 
