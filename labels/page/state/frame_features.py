@@ -39,7 +39,7 @@ class FeatureSnapshot:
 
     features: F32
     """Of shape (at least n, n_patches, dim), only of frames that are `good`."""
-    numbers: I64
+    positions: I64  # of the frames in the dive, counted from 1
     good: Bools
     """Which frames have been looked at and could be read."""
     done: int
@@ -79,8 +79,11 @@ class FrameFeatures:
             n = len(self._rows.words)
             good = np.zeros(n, bool)
             good[: len(self._good)] = self._good
-            numbers = np.fromiter((frame for _, frame in self._rows.words), np.int64, n)
-            return FeatureSnapshot(self._features, numbers, good, len(self._good))
+            place = self._mission.place
+            positions = np.fromiter(
+                (1 + place(frame) for _, frame in self._rows.words), np.int64, n
+            )
+            return FeatureSnapshot(self._features, positions, good, len(self._good))
 
     def _step(self) -> bool:
         row = len(self._good)

@@ -77,7 +77,7 @@ def rank(
     names = [name for name in located if name not in (label, UNSURE)]
     others = [located[name] for name in names] if label != UNSURE else []
     values, by = _values(known, own, others)
-    return Ranked(cells_by_class.get(label, ()), values, by, known.done, len(known.numbers))
+    return Ranked(cells_by_class.get(label, ()), values, by, known.done, len(known.positions))
 
 
 class ReviewSheet:
@@ -122,7 +122,7 @@ class _Samples:
     @classmethod
     def of(cls, known: FeatureSnapshot, located: PatchLocations, chosen: I64) -> _Samples:
         rows = located.rows[chosen]
-        return cls(known.features[rows, located.cells[chosen]], known.numbers[rows] // BLOCK)
+        return cls(known.features[rows, located.cells[chosen]], known.positions[rows] // BLOCK)
 
 
 def _values(
@@ -132,7 +132,7 @@ def _values(
     values = np.full(len(own.rows), np.nan)
     places = np.flatnonzero(known.good[own.rows])
     if not len(places):
-        unread = bool(len(own.rows)) and known.done == len(known.numbers)
+        unread = bool(len(own.rows)) and known.done == len(known.positions)
         return values, "in the order of the frames" + (": none can be read" if unread else "")
     looks = _Samples.of(known, own, places)
     rest = [_sample(known, other, MAX_TRAINED // len(others)) for other in others]

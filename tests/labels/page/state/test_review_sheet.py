@@ -44,7 +44,7 @@ def look_at_all(features, cells):
     for some in cells.values():
         features.locate(some)
     features.background.start()
-    until(lambda: features.snapshot().done == len(features.snapshot().numbers))
+    until(lambda: features.snapshot().done == len(features.snapshot().positions))
     return features
 
 
@@ -84,7 +84,7 @@ def test_no_classifier_saw_the_block_of_the_patch_it_judges(features, cells, mon
 
     known = features.snapshot()
     block_of = {
-        known.features[row, cell].tobytes(): int(known.numbers[row]) // 20
+        known.features[row, cell].tobytes(): int(known.positions[row]) // 20
         for row in range(40)
         for cell in range(100)
     }
