@@ -27,6 +27,7 @@ from tokt.inference.stereo.disparity import (
     DisparityDetector,
 )
 from tokt.inference.verdict import OBSTACLE
+from tokt.training.datasets.dive_positions import dive_positions
 from tokt.training.datasets.folds import BLOCK_FRAMES
 
 from .metrics import BOUND_CONFIDENCE, upper_bound
@@ -153,7 +154,8 @@ def known_distances(
     if stated.log:
         _check_log(mission, stated.log)
     if stated.rate is not None:
-        seconds = {number: mission.place(number) / stated.rate for number in numbers}
+        positions = dive_positions(mission).of_frame
+        seconds = {number: positions[number] / stated.rate for number in numbers}
     else:
         seconds = {number: one.t for number, one in stated.log.items() if one.t is not None}
     if stated.calibration is None:
