@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from tokt.features.common.errors import ToktError
-from tokt.features.common.names import same_text
+from tokt.features.common.names import is_utf8, same_text
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.numbering import LAST_FRAME
 
@@ -84,8 +84,8 @@ class LabelRecord:
             raise ToktError(f"source {self.source!r} is not one of {', '.join(SOURCES)}")
         if self.source == MODEL and (self.model_version is None or self.label is None):
             raise ToktError("a suggestion needs a label and the model version that made it")
-        if len(self.file) > _LONGEST_NAME:
-            raise ToktError(f"file name {self.file[:20]!r}... has {len(self.file)} characters")
+        if len(self.file) > _LONGEST_NAME or not is_utf8(self.file):
+            raise ToktError(f"{self.file[:20]!r}... is no name of a file")
         if utc_text(self.time) != self.time:
             raise ToktError(f"time {self.time!r} is not of the form {utc_text(self.time)}")
 

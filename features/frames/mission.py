@@ -12,10 +12,10 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, counted, os_errors_as
-from tokt.features.common.names import same_text
+from tokt.features.common.names import is_utf8, same_text
 
 from .image_file import OTHER_PICTURES, SUFFIXES, check_bits, decode_image
-from .numbering import dive_order, numbered_files
+from .numbering import Numbers, dive_order, numbered_files
 from .view_mask import CameraMasks, read_masks
 
 LEFT, RIGHT = "left", "right"
@@ -123,15 +123,28 @@ class FolderMission:
                 f"mission {path} has no frames (looked for images in it and in Left/)"
                 f"{'; it has ' if self.passed_over else ''}{self.passed_over_words()}"
             )
-        self._files = numbered_files(path, pictures)
+        self._found = pictures
+        self._number()
+        self.cameras = tuple(self._files)
+        self.masks = read_masks(path)
+
+    def _number(self, known: Numbers | None = None) -> None:
+        self._files = numbered_files(self.path, self._found, known)
         self._places = dive_order(self._files)
         self._numbers: dict[tuple[str, str], int | None] = {}
         for camera, numbered in self._files.items():
             for number, file in numbered.items():
                 stem = camera, same_text(file.stem)
                 self._numbers[stem] = None if stem in self._numbers else number
-        self.cameras = tuple(self._files)
-        self.masks = read_masks(path)
+
+    def keep_numbers(self, known: Numbers) -> None:
+        """Give files the numbers by which their labels know them, and keep these beside the frames.
+
+        Nothing is written where they have these numbers.
+        """
+        named = ((camera, file, n) for camera, some in known.items() for file, n in some.items())
+        if any(self.number_of(file, camera) not in (None, n) for camera, file, n in named):
+            self._number(known)
 
     def _pictures(self, folder: Path) -> list[Path]:
         """The image files of a folder."""
@@ -164,7 +177,7 @@ class FolderMission:
     def file_name(self, frame: int, camera: str = LEFT) -> str | None:
         """The whole name of a frame's file, without folders; None where there is none."""
         file = self._files.get(camera, {}).get(frame)
-        return None if file is None else same_text(file.name)
+        return same_text(file.name) if file is not None and is_utf8(file.name) else None
 
     def number_of(self, file_name: str, camera: str = LEFT) -> int | None:
         """The number of the frame that a file is; None where there is no such file.

@@ -38,6 +38,8 @@ _SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])")
 
 Files = dict[str, list[Path]]
 """Picture files of each camera."""
+Numbers = Mapping[str, Mapping[str, int]]
+"""Numbers of files, by camera and file name."""
 Key = tuple[object, ...]
 
 
@@ -53,19 +55,22 @@ def natural_order(path: Path) -> tuple[list[tuple[int, str]], str, str]:
     return [(int(whole), part) for whole, _, part in numbers], stem.casefold(), path.name
 
 
-def numbered_files(mission: Path, files: Files) -> dict[str, dict[int, Path]]:
+def numbered_files(
+    mission: Path, files: Files, known: Numbers | None = None
+) -> dict[str, dict[int, Path]]:
     """Return each camera's files by frame number, in the dive's order.
+
+    Files that are `known` by a number, in a label store, have it for good from now on.
 
     Raises ToktError if the mission's record of numbers is damaged or of a newer format.
     """
     keys = {camera: _keys(files, camera) for camera in files}
-    given = _read_record(mission)
+    given = known or _read_record(mission)
     numbers = None if given else _numbers_in_names(files, keys)
     if numbers is None:
         numbers = _given_numbers(files, keys, given)
-        # All that were ever given: the number of a file that is gone is no other file's.
-        kept = {camera: {**given.get(camera, {}), **some} for camera, some in numbers.items()}
-        if {**given, **kept} != given:
+        kept = {camera: _with_gone(given.get(camera, {}), some) for camera, some in numbers.items()}
+        if known or {**given, **kept} != given:
             _keep_record(mission, {**given, **kept})
     return {
         camera: {
@@ -73,6 +78,13 @@ def numbered_files(mission: Path, files: Files) -> dict[str, dict[int, Path]]:
         }
         for camera, paths in files.items()
     }
+
+
+def _with_gone(given: Mapping[str, int], numbers: Mapping[str, int]) -> dict[str, int]:
+    """Add the numbers of files that are gone, which are no other file's from now on."""
+    taken = set(numbers.values())
+    gone = {name: n for name, n in given.items() if name not in numbers and n not in taken}
+    return {**gone, **numbers}
 
 
 def dive_order(files: Mapping[str, Mapping[int, Path]]) -> dict[int, int]:
@@ -97,20 +109,29 @@ def _keys(files: Files, camera: str) -> dict[str, Key]:
 def _common_parts(files: Files, camera: str) -> dict[str, Key]:
     parts = {side: [_split(path) for path in paths] for side, paths in files.items()}
     every = [each for some in parts.values() for each in some]
-    shapes = {tuple(type(part) for part in each) for each in every}
+    shapes = set(map(_shape, every))
     mine = zip(files[camera], parts[camera], strict=True)
     if len(files) == 1:
         return {same_text(path.name): tuple(each) for path, each in mine}
-    if len(shapes) > 1 or any(len(some) == 1 for some in parts.values()):
-        return {same_text(path.name): _without_side(each) for path, each in mine}
+    usual = max(
+        sorted(shapes, key=len), key=lambda shape: sum(map(shape.__eq__, map(_shape, every)))
+    )
+    alike = [[each for each in some if _shape(each) == usual] for some in parts.values()]
+    several = [some for some in alike if len(some) > 1]
     told = [
-        any(len({each[place] for each in some}) > 1 for some in parts.values())
-        for place in range(len(every[0]) if every else 0)
+        any(len({each[at] for each in some}) > 1 for some in several) for at in range(len(usual))
     ]
     return {
         same_text(path.name): tuple(part for part, tells in zip(each, told, strict=True) if tells)
+        if several and _shape(each) == usual
+        else _without_side(each)
         for path, each in mine
     }
+
+
+def _shape(parts: list[int | str]) -> tuple[type, ...]:
+    """Which of a name's parts are numbers."""
+    return tuple(type(part) for part in parts)
 
 
 def _without_side(parts: list[int | str]) -> Key:
@@ -149,7 +170,11 @@ def _numbers_in_names(
         if len(set(found[camera].values())) < len(paths):
             return None
     numbers, names = ({each[place] for each in frames} for place in (0, 1))
-    return found if len(numbers) == len(names) == len(frames) else None
+    if len(numbers) == len(names) == len(frames):
+        return found
+    # Names with a time of each camera, and then a number that both count alike.
+    sides = [set(some.values()) for some in found.values()]
+    return found if 2 * len(set.intersection(*sides)) > max(map(len, sides)) else None
 
 
 def _given_numbers(
@@ -174,20 +199,35 @@ def _given_numbers(
         for name, key in some.items():
             in_names.setdefault(key, set()).add(_number(name))
     shared = Counter(number for numbers in in_names.values() for number in numbers)
-    used = {number for some in given.values() for number in some.values()} | set(shared)
+    taken = {number for some in given.values() for number in some.values()}
     for key in frames:
         (number, *others) = in_names[key]
-        if not (given or number is None or others) and shared[number] == 1:
+        if key in by_key or number is None or others:
+            continue
+        if shared[number] == 1 and number not in taken:
             by_key[key] = number
-    small = (number for number in used if number is not None and number < _SMALL)
+    small = (number for number in taken | set(shared) if number is not None and number < _SMALL)
     free = itertools.count(max(small, default=0) + 1)
     for key in frames:
         if key not in by_key:
-            by_key[key] = next(number for number in free if number not in used)
+            by_key[key] = next(
+                number for number in free if number not in taken and number not in shared
+            )
     return {
-        camera: {name: given.get(camera, {}).get(name, by_key[key]) for name, key in some.items()}
+        camera: {name: _kept_number(given.get(camera, {}), name, some, by_key) for name in some}
         for camera, some in keys.items()
     }
+
+
+def _kept_number(
+    given: Mapping[str, int], name: str, names: Mapping[str, Key], by_key: Mapping[Key, int]
+) -> int:
+    """The number given to a file, or to the one it was converted from; else its frame's."""
+    if name in given:
+        return given[name]
+    stem = Path(name).stem
+    gone = (n for old, n in given.items() if old not in names and Path(old).stem == stem)
+    return next(gone, by_key[names[name]])
 
 
 def _read_record(mission: Path) -> dict[str, dict[str, int]]:
@@ -217,7 +257,7 @@ def _are_numbers(values: Iterable[Any]) -> bool:
 
 
 def _keep_record(mission: Path, numbers: Mapping[str, Mapping[str, int]]) -> None:
-    text = json.dumps({"format": FORMAT, "numbers": numbers}, ensure_ascii=False, indent=1)
+    text = json.dumps({"format": FORMAT, "numbers": numbers}, indent=1)
     # On a disc or share that cannot be written the same files give the same numbers again.
     with suppress(OSError):
         write_text(mission / RECORD, text + "\n")

@@ -29,6 +29,7 @@ _SIZE_TEXT = re.compile(r"(\d{1,6})x(\d{1,6})")
 _ROTATION, _VERIFIED = "rotation", "verified"
 READ = frozenset({_ROTATION, _VERIFIED, _ROTATION.capitalize(), _VERIFIED.capitalize()})
 """Attributes of other tools that are looked at."""
+_MAX_SIDE_PX = 10**6
 _UNSAID = {
     "source": HUMAN,
     "model_version": None,
@@ -132,7 +133,14 @@ def size_in(holder: Any, where: str) -> Size | None:
     sides = {side: holder.get(side) for side in ("height", "width")}
     if None in sides.values():
         return None
-    return Size(*(whole(value, f"{where}: {side}") for side, value in sides.items()))
+    return checked_size(*(whole(value, f"{where}: {side}") for side, value in sides.items()))
+
+
+def checked_size(height: int, width: int) -> Size:
+    """A picture's size; ToktError of sides that no picture has."""
+    if not (0 < height <= _MAX_SIDE_PX and 0 < width <= _MAX_SIDE_PX):
+        raise ToktError("a size that no picture has")
+    return Size(height, width)
 
 
 def changed_by_hand(

@@ -16,7 +16,7 @@ from .box_attributes import READ, size_in, to_attributes
 from .boxes import Box, Shape
 from .labels_and_boxes import FoundBox, FrameLabels
 from .options import ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import finite, finite_list, listed, objects, of_kind, save_json, whole
+from .text_file import finite, finite_list, listed, of_kind, save_json, whole
 
 TITLE = "COCO"
 
@@ -84,13 +84,10 @@ def boxes(content: Any, options: ReadOptions, who: str, remarks: Remarks) -> Ite
     read.
     """
     document = of_kind(content, dict, "the file")
-    images = _by_id(document, "images")
+    images = _by_id(document, "images", remarks)
     for fields in images.values():
         remarks.pass_over(fields, _IMAGE_FIELDS)
-    names = {
-        key: of_kind(category.get("name"), str, f"category {key}: name")
-        for key, category in _by_id(document, "categories").items()
-    }
+    categories = _by_id(document, "categories", remarks)
     for where, entry in listed(document.get("annotations"), "annotations", "annotation"):
         with remarks.entry(where):
             annotation = of_kind(entry, dict, "it")
@@ -103,10 +100,12 @@ def boxes(content: Any, options: ReadOptions, who: str, remarks: Remarks) -> Ite
                 continue
             image_id = whole(annotation.get("image_id"), "image_id")
             image = images.get(image_id)
-            name = names.get(whole(annotation.get("category_id"), "category_id"))
-            if image is None or name is None:
+            category = categories.get(whole(annotation.get("category_id"), "category_id"))
+            if image is None or category is None:
                 what = "image" if image is None else "category"
                 raise ToktError(f"its {what}_id is that of no {what}")
+            name = of_kind(category.get("name"), str, "name of its category")
+            score = annotation.get("score")
             if annotation.get("segmentation"):
                 remarks["annotation", "with an outline: only its box is read"] += 1
             yield FoundBox(
@@ -117,19 +116,26 @@ def boxes(content: Any, options: ReadOptions, who: str, remarks: Remarks) -> Ite
                 who,
                 _attributes(annotation),
                 size_in(image, "image"),
-                model_version=who if finite(annotation.get("score", 1), "score") < 1 else None,
+                model_version=None if score is None or finite(score, "score") >= 1 else who,
                 image_id=f"image {image_id}",
             )
 
 
-def _by_id(document: dict[str, Any], name: str) -> dict[int, dict[str, Any]]:
+def _by_id(document: dict[str, Any], name: str, remarks: Remarks) -> dict[int, dict[str, Any]]:
+    """Images or categories by number, without those that have none, or one that is there twice."""
     found: dict[int, dict[str, Any]] = {}
-    for where, entry in objects(document.get(name), name, name):
-        key = whole(entry.get("id"), f"{where}: id")
-        if key in found:
-            raise ToktError(f"{where}: id {key} is there twice")
-        found[key] = entry
-    return found
+    twice = set()
+    for where, value in listed(document.get(name), name, name):
+        try:
+            entry = of_kind(value, dict, "it")
+            key = whole(entry.get("id"), "id")
+            if key in found:
+                twice.add(key)
+                raise ToktError(f"id {key} is there twice: neither counts")
+            found[key] = entry
+        except ToktError as error:
+            remarks["definition", f"left out: {where}: {error}"] += 1
+    return {key: entry for key, entry in found.items() if key not in twice}
 
 
 def _attributes(annotation: dict[str, Any]) -> dict[str, Any]:

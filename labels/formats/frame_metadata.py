@@ -75,7 +75,7 @@ def load_ifdo(path: Path) -> dict[str, Any]:
         items = of_kind(document.get(ITEMS), dict, ITEMS)
         for name, item in items.items():
             of_kind(name, str, f"{ITEMS}: a name")
-            if item == []:  # as BIIGLE writes a picture without annotations
+            if item in ([], None):  # as BIIGLE writes a picture without annotations
                 items[name] = {}
             of_kind(first_entry(items[name]), dict, f"{name!r:.100}")
     return document

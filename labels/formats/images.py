@@ -16,8 +16,10 @@ from tokt.features.frames.mission import LEFT, RIGHT, FolderMission, Mission, Vi
 
 from .boxes import Size
 
-_UPLOADED = re.compile(r"[0-9a-f]{8}-")  # what Label Studio puts before the name of an upload
-_UPLOADS = re.compile(r"(.*/)?data/upload/\d+/")  # the folder that it keeps them in
+_UPLOADED = re.compile(r"^(?=[0-9]*[a-f])[0-9a-f]{8}-")  # Label Studio's before an upload's name
+_UPLOADS = re.compile(
+    r"(.*/)?data/upload/\d+/(?:[0-9a-f]{8}-)?"
+)  # the folder that it keeps them in
 _LOCAL_FILE = "d"  # what names the file in the address of Label Studio's local storage
 _HEADED = frozenset({".jpg", ".jpeg", ".png"})
 _TURNED = range(5, 9)
@@ -76,9 +78,12 @@ class MissionImages:
         }
         path = mission.path.resolve()
         self._own_folder = _folded(path.name) if path.is_dir() else ""
-        above = path.parent if self._own_folder in (LEFT, RIGHT) else path
+        above = path
+        while _folded(above.name) in (LEFT, RIGHT, *_PLAIN_FOLDERS):
+            above = above.parent
         called = [self.name, mission.name, above.stem if self.is_video else above.name]
-        self._folders = {_folded(each) for each in (*called, *([folder] if folder else []))}
+        self._folders = {_folded(each) for each in called} - _PLAIN_FOLDERS
+        self._folders |= {_folded(folder)} if folder else set()
         self._by_name: dict[str, list[FrameKey]] = {}
         self._by_stem: dict[str, list[FrameKey]] = {}
         for key, file in self._names.items():

@@ -73,6 +73,8 @@ def read_label_csv(
     records = rows.chosen()
     if not records:
         raise ToktError("; ".join([f"{path} has no labels in it", *told.lines()]))
+    for name, n in rows.left_out.items():
+        told["label", f"left out by --map: class {name!r}"] += n
     told["note", "left out: notes stay in the workspace they were written in"] += rows.notes
     return records
 
@@ -112,6 +114,8 @@ class _RowReader:
         self.contradictions: dict[tuple[object, ...], tuple[str, ToktError]] = {}
         self.unknown: dict[str, str] = {}  # what is said of each class that is none
         self.notes = 0
+        self.left_out: Counter[str] = Counter()  # by class, as --map says
+        self._files: dict[tuple[str, str, int], str] = {}
         self._taxonomy = taxonomy
         self._classes = classes
         self._defaults = {
@@ -129,6 +133,7 @@ class _RowReader:
             raise ToktError(f"blind {row['blind']!r} is neither yes nor empty")
         label = self._classes.get(row["label"], row["label"])
         if not label and row["label"]:
+            self.left_out[row["label"]] += 1
             return
         try:
             self._taxonomy.check_label(label)
@@ -149,6 +154,12 @@ class _RowReader:
             blind=_BLIND[row["blind"]],
             file=intern(row["file"]),
         )
+        if record.file:
+            file = self._files.setdefault(
+                (record.mission, record.camera, record.frame), record.file
+            )
+            if file != record.file:
+                raise ToktError(f"frame {record.frame} is {record.file!r} here, and {file!r} above")
         key = _key(record)
         first, said = self._lines.setdefault(key, (line, record.label))
         if first == line:

@@ -22,7 +22,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import SUFFIXES
 from tokt.labels.record import HUMAN, MODEL, LabelRecord
 
-from .box_attributes import to_attributes
+from .box_attributes import checked_size, to_attributes
 from .boxes import Box, Shape, Size
 from .labels_and_boxes import PERCENT, FoundBox, FrameLabels
 from .options import ReadOptions, Remarks, WriteOptions, label_of, mission_images
@@ -131,7 +131,7 @@ def boxes(content: Any, options: ReadOptions, who: str, remarks: Remarks) -> Ite
 def _of_task(task: dict[str, Any], where: str, who: str, remarks: Remarks) -> Iterator[FoundBox]:
     if "data" not in task:
         raise ToktError("no data; export from Label Studio in the format JSON")
-    image = _image(of_kind(task["data"], dict, "data"))
+    images = _images(of_kind(task["data"], dict, "data"))
     made_by_people = task.get("annotations", task.get("completions")) or []
     for at, entry in listed(made_by_people, "annotations", f"{where} annotation"):
         with remarks.group(at):
@@ -139,39 +139,45 @@ def _of_task(task: dict[str, Any], where: str, who: str, remarks: Remarks) -> It
             if annotation.get("was_cancelled"):
                 remarks["annotation", "left out: cancelled"] += 1
                 continue
-            said = _Said(image, where, _annotator(annotation) or who, time=_made(annotation))
+            said = _Said(
+                images, where, _annotator(annotation) or who, time=_made(annotation, remarks)
+            )
             yield from _results(annotation, at, said, remarks)
     for at, entry in listed(task.get("predictions") or [], "predictions", f"{where} prediction"):
         with remarks.group(at):
             prediction = of_kind(entry, dict, "it")
             version = prediction.get("model_version") or _UNNAMED_MODEL
             version = of_kind(version, str, "model_version")
-            yield from _results(prediction, at, _Said(image, where, version, version), remarks)
+            yield from _results(prediction, at, _Said(images, where, version, version), remarks)
 
 
-def _made(annotation: dict[str, Any]) -> str | None:
-    made = annotation.get("created_at")
-    return utc_time(
-        made if isinstance(made, int | float) else of_kind(made or "", str, "created_at")
-    )
+def _made(annotation: dict[str, Any], remarks: Remarks) -> str | None:
+    """The time of an annotation; None where it has none that can be read."""
+    made = annotation.get("created_at") or ""
+    try:
+        is_number = type(made) in (int, float)
+        return utc_time(made if is_number else of_kind(made, str, "created_at"))
+    except ToktError as error:
+        remarks["annotation", f"taken as of now: {error}"] += 1
+        return None
 
 
 @dataclass(frozen=True)
 class _Said:
     """The image, the person and the time of all boxes of one annotation or prediction."""
 
-    image: str
+    images: dict[str, str]  # the task's, by the field of its data
     task: str
     annotator: str
     model_version: str | None = None
     time: str | None = None
 
 
-def _image(data: dict[str, Any]) -> str:
-    """The task's image: what is called so, else the first text that ends like an image file."""
+def _images(data: dict[str, Any]) -> dict[str, str]:
+    """The task's images: texts that end like an image file, or else what is called image."""
     texts = {key: value for key, value in data.items() if isinstance(value, str)}
-    like = (text for text in texts.values() if _ending(text) in SUFFIXES)
-    return texts.get("image") or next(like, "")
+    like = {key: text for key, text in texts.items() if _ending(text) in SUFFIXES}
+    return like or {"image": texts.get("image", "")}
 
 
 def _ending(text: str) -> str:
@@ -201,6 +207,12 @@ def _results(
                 remarks["result", f"left out: of type {kind}, not a labelled box"] += 1
                 continue
             remarks.pass_over(result, _RESULT_FIELDS)
+            image = said.images.get(str(result.get("to_name")))
+            if len(said.images) == 1:
+                (image,) = said.images.values()
+            if image is None or result.get("item_index"):
+                remarks["box", "left out: on one of several pictures of a task"] += 1
+                continue
             value = of_kind(result.get("value"), dict, "value")
             names = of_kind(value.get(_KIND) or [], list, _KIND)
             if not names or finite(value.get("rotation") or 0, "rotation"):
@@ -212,12 +224,12 @@ def _results(
             if len(names) > 1:
                 remarks["box", "with several classes: the first counts"] += 1
             sides = [result.get(side) for side in _PIXELS]
-            size = None if None in sides else Size(*(whole(side, "size") for side in sides))
+            size = None if None in sides else checked_size(*(whole(s, "size") for s in sides))
             x, y, width, height = (finite(value.get(side), side) for side in _SIDES)
             shape = Shape(Box(x, y, x + width, y + height))
             yield FoundBox(
                 place,
-                said.image,
+                image,
                 shape if size is None else shape.scaled(PERCENT, size),
                 of_kind(names[0], str, _KIND),
                 said.annotator,

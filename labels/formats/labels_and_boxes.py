@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from pathlib import Path
 from typing import Any, TypeVar
 
 from tokt.features.common.errors import FrameError, ToktError
@@ -156,6 +157,7 @@ class FoundBox:
     model_version: str | None = None  # where no person said it, but it is a model's suggestion
     position: int | None = None  # the frame's in its camera's sequence, from 0
     time_s: float | None = None  # the frame's in a video, from its start
+    in_whole_seconds: bool = False  # that time, so that a position beside it is more exact
     in_percent: bool = False  # the shape, in place of pixels
     image_id: str = ""  # what tells the image apart in the file, such as "image 7"
 
@@ -268,6 +270,9 @@ class _LabelCollector:
                     f"on image {found.image[:_SHOWN]!r}, and by what tokt wrote into it on"
                     f" {carried.camera} frame {carried.frame} of {carried.mission}"
                 )
+            file = images.mission.file_name(key.frame, key.camera) or carried.file
+            if carried.file and Path(carried.file).stem != Path(file).stem:
+                raise ToktError(f"of file {carried.file[:_SHOWN]!r}, and that frame is {file!r}")
         return key
 
     def _placed(self, found: FoundBox, key: FrameKey, mission: str) -> tuple[Shape, Size] | None:
@@ -324,7 +329,7 @@ class _LabelCollector:
         if found.size is None and not found.in_percent:
             self._unsized[key] += 1
             if placed[0].is_beyond(placed[1]):
-                corner = f"({found.shape.box.x1:.0f}, {found.shape.box.y1:.0f})"
+                corner = f"({found.shape.box.x1:g}, {found.shape.box.y1:g})"
                 self._larger.setdefault(key, f"{found.where} at {corner} px, frame {placed[1]}")
         self._spread(*placed, base, sized=found.size is not None or found.in_percent)
 
@@ -333,8 +338,9 @@ class _LabelCollector:
         named, key = images.find(found.image), None
         if named.key is None and not named.folder and (images.is_video or not found.image):
             position = found.position
-            if found.time_s is not None and images.frames_per_second:
-                position = round(found.time_s * images.frames_per_second)
+            rate = images.frames_per_second
+            if found.time_s is not None and rate and not _is_within(found, rate):
+                position = round(found.time_s * rate)
                 if position != found.position:
                     self._remarks[
                         found.shape.noun,
@@ -398,11 +404,14 @@ class _LabelCollector:
         mixed = {key for key in self._mixed if not self._best[key][0]}
         remarks["patch", "left out: points of several classes"] += len(mixed)
         self._tell_foreign()
+        if 2 * len(self._larger) >= len(self._unsized):  # then all of them were
+            self._larger |= {key: "" for key in self._unsized if self._larger} | self._larger
         if self._larger:
             images = count(len(self._larger), "frame")
             what = f"left out: on {images} whose pictures were larger where they were labelled"
             entries = sum(self._unsized[key] for key in self._larger)
-            remarks["box", f"{what} ({next(iter(self._larger.values()))})"] += entries
+            seen = next(filter(None, self._larger.values()))
+            remarks["box", f"{what} ({seen})"] += entries
         if self._missing:
             first = next(iter(self._missing))
             images = count(len(self._missing), "image")
@@ -435,6 +444,13 @@ class _LabelCollector:
             )
         what = f"left out: in {folders}, which is another dive than {images.name!r}"
         self._remarks["box", what] += sum(self._foreign.values())
+
+
+def _is_within(found: FoundBox, rate: float) -> bool:
+    """Whether a frame's position is in the second that its time names."""
+    if not found.in_whole_seconds or found.time_s is None or found.position is None:
+        return False
+    return 0 <= found.position / rate - found.time_s < 1
 
 
 def _key(record: LabelRecord) -> FrameKey:

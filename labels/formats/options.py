@@ -15,7 +15,7 @@ from tokt.labels.taxonomy import Taxonomy
 from .images import MissionImages
 
 _SHOWN, _MOST_FIELDS = 5, 40  # entries and fields of a file that a remark shows
-_LONGEST = 200  # characters of each
+_LONGEST = 300  # characters of each
 
 Progress = Callable[[Iterable[Any], int, str], Iterator[Any]]
 Notes = Mapping[tuple[tuple[object, ...], str], str]
@@ -128,9 +128,9 @@ class Remarks(Counter[tuple[str, str]]):
         """Leave out an entry, which `error` says is wrong."""
         self._odd.append(f"{where}: {error}")
 
-    def pass_over(self, fields: Iterable[str], known: Container[str]) -> None:
+    def pass_over(self, fields: Iterable[Any], known: Container[str]) -> None:
         """Keep the names of an entry's fields that are not among the known ones."""
-        self._unread.update((name, None) for name in fields if name not in known)
+        self._unread.update((str(name), None) for name in fields if name not in known)
 
     def refuse_mostly_odd(self) -> None:
         """Raise ToktError where more than half of the entries were left out as odd."""
@@ -141,7 +141,7 @@ class Remarks(Counter[tuple[str, str]]):
 
     def lines(self) -> list[str]:
         """One line a remark."""
-        found = [f"{count(n, noun)} {what}" for (noun, what), n in self.items() if n]
+        found = [f"{count(n, noun)} {what[:_LONGEST]}" for (noun, what), n in self.items() if n]
         if self._odd:
             entries = "1 entry" if len(self._odd) == 1 else f"{len(self._odd)} entries"
             found.append(f"{entries} left out: {_some(self._odd, '; ')}")

@@ -162,8 +162,8 @@ def utc_time(value: str | float | None) -> str | None:
     A number counts seconds since 1970, or milliseconds where it is too large for that.
     """
     if isinstance(value, int | float):
-        seconds = value / 1000 if value >= _MILLISECONDS_FROM else value
         try:
+            seconds = value / 1000 if value >= _MILLISECONDS_FROM else value
             return utc_text(datetime.fromtimestamp(seconds, UTC).isoformat())
         except (ValueError, OverflowError, OSError):
             raise ToktError(f"time {value!r:.40} is no number of seconds since 1970") from None

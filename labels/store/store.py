@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partialmethod
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,7 +15,7 @@ from weakref import WeakSet
 
 from tokt.features.common.errors import ToktError, check_format
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.mission import Mission
+from tokt.features.frames.mission import FolderMission, Mission
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, NoLabelsError
 
 from .actions import REDO, UNDO, Action, ActionHead, ActionLog, ActionResult, UndoHistory
@@ -167,6 +167,19 @@ class AnnotatorStats:
     counts: dict[str, int] = field(default_factory=dict)  # patches by label, ``unsure`` included
 
 
+def _files_of(records: Iterable[LabelRecord]) -> dict[tuple[str, str, int], str]:
+    """File names by mission, camera and frame; ToktError where a frame has two."""
+    found: dict[tuple[str, str, int], str] = {}
+    for one in records:
+        if one.file:
+            first = found.setdefault((one.mission, one.camera, one.frame), one.file)
+            if Path(first).stem != Path(one.file).stem:
+                raise ToktError(
+                    f"{one.camera} frame {one.frame} of {one.mission} is {first!r} and {one.file!r}"
+                )
+    return found
+
+
 class LabelStore:
     """Append-only history of label events; the labels in force are derived from it.
 
@@ -241,7 +254,7 @@ class LabelStore:
 
     def add_counted(self, records: Iterable[LabelRecord], *, dry: bool = False) -> AddResult:
         """`add`, telling new labels from changed ones; `dry` tells it and adds none."""
-        given = list(records)
+        given = self._by_file(list(records))
 
         def rows(*, settled: bool) -> Iterator[dict[str, Any]]:
             for record in given:
@@ -251,9 +264,7 @@ class LabelStore:
         with self._transaction():
             last = self._one(LAST_EVENT)
             self._connection.execute("SAVEPOINT empty")
-            self._keep_files(
-                {(one.mission, one.camera, one.frame): one.file for one in given if one.file}
-            )
+            self._keep_files(_files_of(given))
             self._connection.executemany(_ADD, rows(settled=False))
             # After the opinions they settle: an opinion that is newer opens the question again.
             self._connection.executemany(_SETTLE, rows(settled=True))
@@ -307,11 +318,38 @@ class LabelStore:
         )
         return {(name, camera, frame): file for name, camera, frame, file in rows}
 
+    def _by_file(self, records: list[LabelRecord]) -> list[LabelRecord]:
+        """Records with the number by which the store knows their frame's file."""
+        if not any(record.file for record in records):
+            return records
+        known = {
+            (*key[:2], Path(file).stem): key[2]
+            for mission in {record.mission for record in records}
+            for key, file in self.files(mission).items()
+        }
+        numbers = (
+            known.get((one.mission, one.camera, Path(one.file).stem), one.frame)
+            if one.file
+            else one.frame
+            for one in records
+        )
+        return [
+            one if number == one.frame else replace(one, frame=number)
+            for one, number in zip(records, numbers, strict=True)
+        ]
+
     def keep_files(self, mission: Mission) -> None:
         """Keep the names of the files that a mission's frames are.
 
+        Frames are numbered as their files are known.
+
         Raises ToktError where the labels of a frame are of another file.
         """
+        if isinstance(mission, FolderMission):
+            known: dict[str, dict[str, int]] = {}
+            for (_, camera, number), name in self.files(mission.name).items():
+                known.setdefault(camera, {})[name] = number
+            mission.keep_numbers(known)
         with self._transaction():
             self._keep_files(
                 {

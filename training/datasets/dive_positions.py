@@ -84,7 +84,7 @@ def dive_positions(mission: Mission) -> DivePositions:
         if min(steps) == 0:  # whole seconds, of a camera that takes several a second
             return DivePositions(by_order)
         usual = median(steps)
-        if (seconds[-1] - seconds[0]) / usual > _LONGEST_DIVE:
+        if not (seconds[-1] - seconds[0]) / usual <= _LONGEST_DIVE:
             return DivePositions(by_order, f"times of {source} are years apart: not used")
         places = np.rint((np.array(seconds) - seconds[0]) / usual).astype(np.int64)
         # Frames nearer than half a step still follow each other.

@@ -1,5 +1,6 @@
 import json
 import random
+import sys
 from pathlib import Path
 
 import cv2
@@ -100,11 +101,11 @@ def test_a_number_that_two_files_end_in_is_neither_s(tmp_path):
         5: "T1-05.png",
     }
     put(dive, "T0-03.png")  # in the middle of the folder
-    assert names_of(open_mission(dive))[10] == "T0-03.png"
-    assert list(names_of(open_mission(dive)))[:3] == [6, 7, 10]
+    assert names_of(open_mission(dive))[3] == "T0-03.png"
+    assert list(names_of(open_mission(dive)))[:3] == [6, 7, 3]
     (dive / "T1-02.png").unlink()
     put(dive, "T3-01.png")
-    assert names_of(open_mission(dive))[11] == "T3-01.png"  # not that of the file that is gone
+    assert names_of(open_mission(dive))[10] == "T3-01.png"  # not that of the file that is gone
 
 
 def test_pairs_are_by_whole_name(tmp_path):
@@ -129,6 +130,15 @@ def test_pairs_are_by_whole_name(tmp_path):
         assert set(mission.frames(RIGHT)) < set(mission.frames(LEFT)), names
     put(tmp_path / "single" / "Left", "dive_L_3.png")
     put(tmp_path / "single" / "Right", "dive_R_20.png")
+    for side, letter in (("Left", "A"), ("Right", "B")):
+        put(tmp_path / "odd" / side, *(f"cam{letter}_000{n}.png" for n in (1, 2)), "thumb.png")
+        names = [f"c_1{n}{ord(letter) % 9}0_000{n}.png" for n in (1, 2, 3)]
+        put(tmp_path / "counted" / side, *names)
+    put(tmp_path / "growing" / "Left", "camA_0001.png", "camA_0002.png")
+    put(tmp_path / "growing" / "Right", "camB_0001.png")
+    for name, numbers in (("odd", {1, 2}), ("counted", {1, 2, 3}), ("growing", {1})):
+        mission = open_mission(tmp_path / name)
+        assert numbers <= set(mission.frames(LEFT)) & set(mission.frames(RIGHT)), name
     single = open_mission(tmp_path / "single")
     assert (single.frames(LEFT), single.frames(RIGHT)) == ([3], [20])
     over_midnight = tmp_path / "over_midnight"
@@ -157,3 +167,26 @@ def test_pictures_of_other_kinds_are_frames_too(tmp_path, ending):
     kind = ".jpg" if ending == "jfif" else f".{ending}"
     (tmp_path / f"1.{ending}").write_bytes(cv2.imencode(kind, image)[1].tobytes())
     assert open_mission(tmp_path).read(1).shape == (48, 64, 3)
+
+
+def test_a_converted_picture_keeps_its_number_and_the_record_can_be_read(tmp_path):
+    for side in ("Left", "Right"):
+        put(tmp_path / side, "T1-01.png", "T2-01.png")
+    before = {camera: names_of(open_mission(tmp_path), camera) for camera in (LEFT, RIGHT)}
+    (tmp_path / "Right" / "T1-01.png").rename(tmp_path / "Right" / "T1-01.bmp")
+    for _ in range(2):
+        after = names_of(open_mission(tmp_path), RIGHT)
+        assert {n: Path(name).stem for n, name in after.items()} == {
+            n: Path(name).stem for n, name in before[RIGHT].items()
+        }
+        assert names_of(open_mission(tmp_path)) == before[LEFT]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of any bytes")
+def test_names_that_are_not_utf_8_can_be_opened(tmp_path):
+    for letter in (b"a", b"b"):
+        Path(
+            str(tmp_path), (b"d_\xfc_" + letter + b".png").decode("utf-8", "surrogateescape")
+        ).write_bytes(PICTURE)
+    mission = open_mission(tmp_path)
+    assert len(mission.frames()) == 2 and mission.file_name(mission.frames()[0]) is None

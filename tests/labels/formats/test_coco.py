@@ -89,7 +89,7 @@ def test_a_label_corrected_elsewhere_and_a_box_drawn_over(tmp_path, reading, wri
         (lambda v: v.pop("images"), "images is not a list"),
         (lambda v: v["images"][1].update(id=1), "images 2: id 1 is there twice"),
         (lambda v: v["images"][0].update(file_name=7), "file_name of its image is not text"),
-        (lambda v: v["images"][0].update(width=0), "left out: of pictures of 0x274"),
+        (lambda v: v["images"][0].update(width=0), "annotation 1: a size that no picture has"),
         (lambda v: v["annotations"][0].update(bbox=[0, 0, 5]), "bbox has 3 numbers, not 4"),
         (lambda v: v["annotations"][0].update(bbox=[0, 0, float("nan"), 5]), "nan is not a number"),
         (lambda v: v["annotations"][0].update(image_id=8), "its image_id is that of no image"),

@@ -272,7 +272,7 @@ def test_what_a_row_says_twice_and_otherwise_does_not_count(tmp_path, dive):
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory):
-    """Forty frames at 25 frames a second, which is what OpenCV's writer is told."""
+    """Forty frames, ten a second."""
     frames = (np.full((48, 64, 3), 5 * level, np.uint8) for level in range(40))
     return MissionImages(open_mission(write_video(tmp_path_factory.mktemp("v") / "v.avi", frames)))
 
@@ -312,10 +312,11 @@ def test_points_beyond_the_frame_show_that_the_pictures_were_larger(tmp_path, di
     rows.writerow(["Name", "Row", "Column", "Label"])
     rows.writerows([["frame_1.jpg", 10, 10, "ocean"], ["frame_1.jpg", 400, 10, "other"]])
     rows.writerows([["frame_2.jpg", 10, 10, "ocean"], ["frame_2.jpg", 90, 10, "other"]])
+    rows.writerow(["frame_3.jpg", 10, 10, "ocean"])
     read = FORMATS["coralnet"].read(
         put(tmp_path, out.getvalue(), "points.csv"), ReadOptions(TAXONOMY, grid=GRID, images=dive)
     )
-    assert {record.frame for record in read.records} == {2}
+    assert {record.frame for record in read.records} == {2, 3}
     assert any("on 1 frame whose pictures were larger" in line for line in read.lost)
 
 
@@ -373,3 +374,99 @@ def test_files_of_two_people_with_one_name_do_not_replace_each_other(tmp_path):
             ("instances_default", "ocean"),
             ("bo", "reef"),
         }
+
+
+def test_where_most_frames_show_larger_pictures_none_is_believed(tmp_path, dive):
+    text = "0,frame_1.jpg,0,0,0,1280,720,1,-1,ocean,1\n1,frame_2.jpg,1,20,10,60,50,1,-1,ocean,1\n"
+    options = ReadOptions(TAXONOMY, grid=GRID, images=dive)
+    words = "on 2 frames whose pictures were larger"
+    assert words in told(FORMATS["viame"].read, put(tmp_path, text, "v.csv"), options)
+
+
+def test_a_prefix_that_may_be_a_date_is_part_of_the_name(dive):
+    assert dive.find("0a1b2c3d-frame_1.jpg").key == ("left", 1)
+    assert dive.find("/data/upload/3/20190513-frame_1.jpg").key == ("left", 1)
+    assert dive.find("20190513-frame_1.jpg").key is None
+
+
+def test_a_dive_in_a_folder_of_images_is_known_by_the_folder_above(tmp_path):
+    for name in ("dive_1", "dive_2"):
+        (tmp_path / name / "images").mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / name / "images" / "f_1.png"), np.zeros((48, 64), np.uint8))
+    images = MissionImages(open_mission(tmp_path / "dive_1" / "images"))
+    assert images.find("images/f_1.png").key == images.find("dive_1/images/f_1.png").key
+    assert images.find("dive_2/images/f_1.png").folder == "dive_2"
+
+
+def test_boxes_of_a_task_with_two_pictures_go_to_theirs(tmp_path):
+    for side in ("Left", "Right"):
+        (tmp_path / "dive" / side).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / "dive" / side / "1.png"), np.zeros((48, 64), np.uint8))
+    place = {"x": 0, "y": 0, "width": 50, "height": 50, "rectanglelabels": ["ocean"]}
+    size = {"original_width": 64, "original_height": 48}
+    results = [
+        {"type": "rectanglelabels", "to_name": name, "value": place, **size}
+        for name in ("one", "two", "three")
+    ]
+    task = {
+        "data": {"one": "dive/Left/1.png", "two": "dive/Right/1.png"},
+        "annotations": [{"created_at": "then", "result": results}],
+    }
+    images = MissionImages(open_mission(tmp_path / "dive"))
+    options = ReadOptions(TAXONOMY, grid=Grid(2, 2, None), images=images)
+    read = FORMATS["labelstudio"].read(put(tmp_path, task), options)
+    assert {record.camera for record in read.records} == {"left", "right"}
+    assert "1 box left out: on one of several pictures of a task" in read.lost
+    assert any(line.startswith("1 annotation taken as of now") for line in read.lost)
+
+
+@pytest.mark.parametrize(
+    ("clock", "position", "frame"), [("00:00:01", 14, 15), ("0:00:01", 25, 11)]
+)
+def test_a_time_in_whole_seconds_is_less_exact_than_a_frame_in_it(
+    tmp_path, video, clock, position, frame
+):
+    text = f"0,{clock},{position},0,0,64,48,1,-1,ocean,1\n"
+    options = ReadOptions(TAXONOMY, grid=Grid(2, 2, None), images=video)
+    read = FORMATS["viame"].read(put(tmp_path, text, "v.csv"), options)
+    assert video.frames_per_second == 10 and {record.frame for record in read.records} == {frame}
+
+
+def test_odd_images_and_categories_cost_their_own_boxes(tmp_path, dive):
+    said = [Said(n, 0, 0, "ocean", "", 1, False, 0, True) for n in (1, 2, 3)]
+    value = json.loads(_coco(said))
+    value["images"][0].pop("id")
+    value["images"].append(7)
+    value["annotations"][1]["score"] = None
+    options = ReadOptions(TAXONOMY, grid=GRID, images=dive)
+    read = FORMATS["coco"].read(put(tmp_path, value), options)
+    assert {record.frame for record in read.records} == {2, 3}
+    assert any("images 1: id None is not a whole number" in line for line in read.lost)
+
+
+def test_a_frame_is_one_file_in_a_file_of_labels(tmp_path):
+    rows = ["dive,left,1,0,0,ocean,a.jpg", "dive,left,1,0,1,ocean,b.jpg", "dive,left,2,0,0,reef,"]
+    text = "\n".join(["mission,camera,frame,row,col,label,file", *rows])
+    options = ReadOptions(TAXONOMY, classes={"reef": ""})
+    read = FORMATS["csv"].read(put(tmp_path, text, "a.csv"), options)
+    assert [(one.col, one.file) for one in read.records] == [(0, "a.jpg")]
+    assert "1 label left out by --map: class 'reef'" in read.lost
+    assert any("line 3: frame 1 is 'b.jpg' here" in line for line in read.lost)
+
+
+def test_labels_follow_their_file_when_its_number_comes_to_be_shared(tmp_path):
+    folder = tmp_path / "dive"
+    folder.mkdir()
+    picture = cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1].tobytes()
+    (folder / "T1-01.png").write_bytes(picture)
+    path = put(tmp_path, "0,T1-01.png,0,0,0,64,48,1,-1,ocean,1\n", "v.csv")
+    for new in (4, 0):
+        labels = Labels.read(path, mission_dir=folder, grid="2x2", annotator="eva")
+        assert labels.add_to(tmp_path).new == new
+        (folder / "T2-01.png").write_bytes(picture)  # between the two imports
+    mission = open_mission(folder)
+    with LabelStore(tmp_path / FILE_NAME) as store:
+        assert mission.number_of("T1-01.png") != 1
+        store.keep_files(mission)
+        assert mission.number_of("T1-01.png") == 1 == open_mission(folder).number_of("T1-01.png")
+        assert {record.frame for record in store.current()} == {1}
