@@ -114,7 +114,7 @@ function importing() {
     field("File", file),
     field("Format", form),
     field("Labels by", annotator),
-    field("Its folder of this mission", folder),
+    field("Folder in it", folder),
     cameras.length > 1 ? field("Camera, if it names none", camera) : null,
     told,
   ];
