@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from tokt.features.common.errors import ToktError, counted
 from tokt.features.common.extras import needed_by
 from tokt.features.common.names import same_text
 from tokt.features.frames.grid import Grid
@@ -123,11 +122,11 @@ class Labels:
     def add_to(self, workspace: str | Path, progress: Progress = no_progress) -> AddResult:
         """Add them to a workspace's label store, which is made where there is none.
 
-        ToktError as `refuse_to_replace`.
+        ToktError where it would replace labels, and nothing says who made the file.
         """
         with LabelStore(Path(workspace) / FILE_NAME) as store:
-            refuse_to_replace(store, self.records, self.assumed)
-            return store.add_counted(progress(self.records, len(self), "import"))
+            records = progress(self.records, len(self), "import")
+            return store.add_counted(records, assumed=self.assumed)
 
     def write(
         self,
@@ -163,17 +162,3 @@ def assumed_annotator(file: Path, given: str | None, records: Iterable[LabelReco
     by = same_text(file.stem)
     people = (one for one in records if one.source == HUMAN)
     return by if given is None and any(one.annotator == by for one in people) else ""
-
-
-def refuse_to_replace(store: LabelStore, records: Iterable[LabelRecord], assumed: str) -> None:
-    """Refuse labels of an assumed annotator that would replace others: who labelled is not known.
-
-    Tools give the files of all people one name. ToktError tells how to say who labelled.
-    """
-    mine = [one for one in records if one.annotator == assumed and one.source == HUMAN]
-    changed = store.add_counted(mine, dry=True).changed if assumed else 0
-    if changed:
-        raise ToktError(
-            f"{counted(changed, 'patch')} would change that {assumed!r} labelled, and the file does"
-            " not say who made it. Give --annotator NAME, the same name if it is the same person"
-        )

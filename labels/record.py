@@ -67,9 +67,9 @@ class LabelRecord:
     file: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        if not (self.mission.isascii() and self.annotator.isascii()):
-            object.__setattr__(self, "mission", same_text(self.mission))
-            object.__setattr__(self, "annotator", same_text(self.annotator))
+        for name in ("mission", "annotator", "label"):
+            if not (text := getattr(self, name) or "").isascii():
+                object.__setattr__(self, name, same_text(text))
         check_name("mission", self.mission)
         check_name("annotator", self.annotator)
         if self.model_version is not None:
@@ -84,8 +84,7 @@ class LabelRecord:
             raise ToktError(f"source {self.source!r} is not one of {', '.join(SOURCES)}")
         if self.source == MODEL and (self.model_version is None or self.label is None):
             raise ToktError("a suggestion needs a label and the model version that made it")
-        if len(self.file) > _LONGEST_NAME or not is_utf8(self.file):
-            raise ToktError(f"{self.file[:20]!r}... is no name of a file")
+        _check_file(self.file)
         if utc_text(self.time) != self.time:
             raise ToktError(f"time {self.time!r} is not of the form {utc_text(self.time)}")
 
@@ -101,6 +100,11 @@ def check_name(what: str, value: str) -> None:
         raise ToktError(f"{what} {value[:20]!r}... has {len(value)} characters, of {_LONGEST_NAME}")
     if not value or not value.isprintable() or value != value.strip():
         raise ToktError(f"{what} {value!r} is empty or has blanks around it or unprintable signs")
+
+
+def _check_file(name: str) -> None:
+    if len(name) > _LONGEST_NAME or not is_utf8(name):
+        raise ToktError(f"{name[:20]!r}... is no name of a file")
 
 
 def utc_now() -> str:

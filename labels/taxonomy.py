@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import ToktError, naming
+from tokt.features.common.names import same_text
 
 FORMAT = 2
 """Format of taxonomy files. Raise it when an older `tokt` would misread a newer file.
@@ -94,7 +95,7 @@ class Taxonomy:
         """
         source = resources.files(__package__) / FILE_NAME if path is None else path
         try:
-            value = tomllib.loads(source.read_text("utf-8"))
+            value = tomllib.loads(same_text(source.read_text("utf-8")))
         except OSError as error:
             raise ToktError(f"taxonomy {source}: {error.strerror or error}") from None
         except UnicodeDecodeError:

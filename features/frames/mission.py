@@ -4,6 +4,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -15,7 +16,7 @@ from tokt.features.common.errors import FrameError, ToktError, counted, os_error
 from tokt.features.common.names import is_utf8, same_text
 
 from .image_file import OTHER_PICTURES, SUFFIXES, check_bits, decode_image
-from .numbering import Numbers, dive_order, numbered_files
+from .numbering import Numbers, numbered_files
 from .view_mask import CameraMasks, read_masks
 
 LEFT, RIGHT = "left", "right"
@@ -129,13 +130,20 @@ class FolderMission:
         self.masks = read_masks(path)
 
     def _number(self, known: Numbers | None = None) -> None:
-        self._files = numbered_files(self.path, self._found, known)
-        self._places = dive_order(self._files)
-        self._numbers: dict[tuple[str, str], int | None] = {}
-        for camera, numbered in self._files.items():
-            for number, file in numbered.items():
+        numbered = numbered_files(self.path, self._found, known)
+        self._files, self._places = numbered.by_camera, numbered.places
+
+    @cached_property
+    def _numbers(self) -> dict[tuple[str, str], int | None]:
+        """Frame numbers by camera and file name, with and without its ending where that is one."""
+        stems: dict[tuple[str, str], int | None] = {}
+        names: dict[tuple[str, str], int | None] = {}
+        for camera, files in self._files.items():
+            for number, file in files.items():
                 stem = camera, same_text(file.stem)
-                self._numbers[stem] = None if stem in self._numbers else number
+                stems[stem] = None if stem in stems else number
+                names[camera, same_text(file.name)] = number
+        return {**stems, **names}
 
     def keep_numbers(self, known: Numbers) -> None:
         """Give files the numbers by which their labels know them, and keep these beside the frames.
@@ -145,13 +153,14 @@ class FolderMission:
         named = ((camera, file, n) for camera, some in known.items() for file, n in some.items())
         if any(self.number_of(file, camera) not in (None, n) for camera, file, n in named):
             self._number(known)
+            del self._numbers
 
     def _pictures(self, folder: Path) -> list[Path]:
         """The image files of a folder."""
         found = []
         for path in folder.iterdir():
             suffix = path.suffix.lower()
-            if path.name.startswith(".") or not path.is_file():
+            if path.name.startswith("."):
                 continue
             if suffix in SUFFIXES:
                 found.append(path)
@@ -184,11 +193,9 @@ class FolderMission:
 
         A picture that was converted, so that its name ends otherwise, is the same frame.
         """
-        number = self._numbers.get((camera, same_text(Path(file_name).stem)))
-        if number is None:
-            names = ((n, self.file_name(n, camera)) for n in self.frames(camera))
-            number = next((n for n, name in names if name == file_name), None)
-        return number
+        number = self._numbers.get((camera, same_text(file_name)))
+        stem = camera, same_text(Path(file_name).stem)
+        return self._numbers.get(stem) if number is None else number
 
     def file(self, frame: int, camera: str = LEFT) -> Path:
         """The image file of one frame. Raises FrameError if there is no such frame."""

@@ -15,8 +15,9 @@ import itertools
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -55,29 +56,40 @@ def natural_order(path: Path) -> tuple[list[tuple[int, str]], str, str]:
     return [(int(whole), part) for whole, _, part in numbers], stem.casefold(), path.name
 
 
-def numbered_files(
-    mission: Path, files: Files, known: Numbers | None = None
-) -> dict[str, dict[int, Path]]:
-    """Return each camera's files by frame number, in the dive's order.
+@dataclass(frozen=True)
+class NumberedFiles:
+    """A mission's picture files by frame number."""
+
+    by_camera: dict[str, dict[int, Path]]  # of each camera in the dive's order
+    places: dict[int, int]  # of each frame number in the dive, from 0, over all cameras
+
+
+def numbered_files(mission: Path, files: Files, known: Numbers | None = None) -> NumberedFiles:
+    """Number a mission's files.
 
     Files that are `known` by a number, in a label store, have it for good from now on.
 
     Raises ToktError if the mission's record of numbers is damaged or of a newer format.
     """
-    keys = {camera: _keys(files, camera) for camera in files}
+    order = {path: natural_order(path) for paths in files.values() for path in paths}
+    files = {camera: sorted(paths, key=order.__getitem__) for camera, paths in files.items()}
+    keys = _keys(files)
     given = known or _read_record(mission)
     numbers = None if given else _numbers_in_names(files, keys)
     if numbers is None:
-        numbers = _given_numbers(files, keys, given)
+        in_order = sorted((order[path], camera, path) for camera in files for path in files[camera])
+        frames = dict.fromkeys(keys[camera][same_text(path.name)] for _, camera, path in in_order)
+        numbers = _given_numbers(list(frames), keys, given)
         kept = {camera: _with_gone(given.get(camera, {}), some) for camera, some in numbers.items()}
         if known or {**given, **kept} != given:
             _keep_record(mission, {**given, **kept})
-    return {
-        camera: {
-            numbers[camera][same_text(path.name)]: path for path in sorted(paths, key=natural_order)
-        }
+    found = {
+        camera: {numbers[camera][same_text(path.name)]: path for path in paths}
         for camera, paths in files.items()
     }
+    first = {number: path for side in reversed(found.values()) for number, path in side.items()}
+    ranked = sorted(first, key=lambda number: order[first[number]])
+    return NumberedFiles(found, {number: place for place, number in enumerate(ranked)})
 
 
 def _with_gone(given: Mapping[str, int], numbers: Mapping[str, int]) -> dict[str, int]:
@@ -87,45 +99,45 @@ def _with_gone(given: Mapping[str, int], numbers: Mapping[str, int]) -> dict[str
     return {**gone, **numbers}
 
 
-def dive_order(files: Mapping[str, Mapping[int, Path]]) -> dict[int, int]:
-    """Return the place of each frame number in the dive, from 0, over all cameras."""
-    first: dict[int, Path] = {}
-    for numbered in files.values():
-        first = {**numbered, **first}
-    ranked = sorted(first, key=lambda number: natural_order(first[number]))
-    return {number: place for place, number in enumerate(ranked)}
-
-
-def _keys(files: Files, camera: str) -> dict[str, Key]:
-    """Return what the two files of a pair have in common, by file name.
+def _keys(files: Files) -> dict[str, dict[str, Key]]:
+    """Return what the two files of a pair have in common, by camera and file name.
 
     No two files of a camera have it in common, such as ``a_1.jpg`` and ``a_1.png``.
     """
-    found = _common_parts(files, camera)
-    times = Counter(found.values())
-    return {name: key if times[key] == 1 else (*key, name) for name, key in found.items()}
-
-
-def _common_parts(files: Files, camera: str) -> dict[str, Key]:
-    parts = {side: [_split(path) for path in paths] for side, paths in files.items()}
-    every = [each for some in parts.values() for each in some]
-    shapes = set(map(_shape, every))
-    mine = zip(files[camera], parts[camera], strict=True)
     if len(files) == 1:
-        return {same_text(path.name): tuple(each) for path, each in mine}
-    usual = max(
-        sorted(shapes, key=len), key=lambda shape: sum(map(shape.__eq__, map(_shape, every)))
-    )
-    alike = [[each for each in some if _shape(each) == usual] for some in parts.values()]
+        return {
+            camera: {(name := same_text(path.name)): (name,) for path in paths}
+            for camera, paths in files.items()
+        }
+    found = {}
+    for camera, some in _common_parts(files).items():
+        times = Counter(some.values())
+        found[camera] = {
+            name: key if times[key] == 1 else (*key, name) for name, key in some.items()
+        }
+    return found
+
+
+def _common_parts(files: Files) -> dict[str, dict[str, Key]]:
+    parts = {
+        camera: {same_text(path.name): _split(path) for path in paths}
+        for camera, paths in files.items()
+    }
+    shapes = Counter(_shape(each) for some in parts.values() for each in some.values())
+    usual = max(sorted(shapes, key=len), key=shapes.__getitem__)
+    alike = [[each for each in some.values() if _shape(each) == usual] for some in parts.values()]
     several = [some for some in alike if len(some) > 1]
     told = [
         any(len({each[at] for each in some}) > 1 for some in several) for at in range(len(usual))
     ]
+
+    def key(each: list[int | str]) -> Key:
+        if not several or _shape(each) != usual:
+            return _without_side(each)
+        return tuple(part for part, tells in zip(each, told, strict=True) if tells)
+
     return {
-        same_text(path.name): tuple(part for part, tells in zip(each, told, strict=True) if tells)
-        if several and _shape(each) == usual
-        else _without_side(each)
-        for path, each in mine
+        camera: {name: key(each) for name, each in some.items()} for camera, some in parts.items()
     }
 
 
@@ -178,16 +190,13 @@ def _numbers_in_names(
 
 
 def _given_numbers(
-    files: Files, keys: Mapping[str, Mapping[str, Key]], given: Mapping[str, Mapping[str, int]]
+    frames: Sequence[Key], keys: Mapping[str, Mapping[str, Key]], given: Numbers
 ) -> dict[str, dict[str, int]]:
-    """The numbers that were given, and one more for each frame that is new.
+    """The numbers that were given, and one more for each of the frames that is new.
 
     A frame keeps the number in its name where no other frame has it. A number that several have is
     none of theirs: labels with it may be of any of them.
     """
-    pictures = [(natural_order(path), camera, path) for camera in files for path in files[camera]]
-    names = ((camera, same_text(path.name)) for _, camera, path in sorted(pictures))
-    frames = list(dict.fromkeys(keys[camera][name] for camera, name in names))
     by_key = {
         keys[camera][name]: number
         for camera, some in given.items()

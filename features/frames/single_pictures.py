@@ -4,7 +4,7 @@ Frames of a sequence are near copies of their neighbours, so that blocks of them
 together. Photographs that were taken one by one are not, and each may be held out alone.
 """
 
-from datetime import datetime
+from datetime import UTC, datetime
 from io import BytesIO
 from itertools import pairwise
 from statistics import median
@@ -21,8 +21,8 @@ _LEAST_CHANGES = 0.25
 in the middle of a dive changes its size once."""
 _LEAST_APART_S = 10.0
 """Median time between photographs. The vehicle and its water have moved on by then."""
-_EXIF, _TAKEN = 0x8769, 0x9003
-"""Exif 2.32, table 8: the tags of the Exif IFD and of DateTimeOriginal."""
+_EXIF, _TAKEN, _FRACTION = 0x8769, 0x9003, 0x9291
+"""Exif 2.32, tables 4 and 8: the Exif IFD, DateTimeOriginal and SubSecTimeOriginal."""
 
 
 def why_single_pictures(mission: Mission) -> str:
@@ -41,7 +41,7 @@ def why_single_pictures(mission: Mission) -> str:
         try:
             with Image.open(BytesIO(mission.encoded(frame, LEFT)[0])) as picture:
                 sizes.append(picture.size)
-                times.append(picture.getexif().get_ifd(_EXIF).get(_TAKEN))
+                times.append(seconds_taken(picture))
         except UnidentifiedImageError:  # of a format that OpenCV alone reads
             return ""
     pairs = len(sizes) - 1
@@ -54,11 +54,19 @@ def why_single_pictures(mission: Mission) -> str:
     return ""
 
 
-def _median_apart_s(times: list[str | None]) -> float:
-    """Median time between photographs, in seconds; 0 where one has no time that can be read."""
+def seconds_taken(picture: Image.Image) -> float | None:
+    """Return when a camera took a picture, in seconds since 1970; None where Exif does not say."""
+    exif = picture.getexif().get_ifd(_EXIF)
     try:
-        taken = sorted(datetime.strptime(str(text), "%Y:%m:%d %H:%M:%S") for text in times)
+        moment = datetime.strptime(str(exif.get(_TAKEN)), "%Y:%m:%d %H:%M:%S")
+        part = float(f"0.{str(exif.get(_FRACTION) or 0).strip()}")
     except ValueError:
-        return 0.0
-    gaps = [(after - one).total_seconds() for one, after in pairwise(taken)]
-    return median(gaps) if gaps else 0.0
+        return None
+    return moment.replace(tzinfo=UTC).timestamp() + part
+
+
+def _median_apart_s(times: list[float | None]) -> float:
+    """Median time between photographs, in seconds; 0 where one has no time that can be read."""
+    taken = sorted(time for time in times if time is not None)
+    gaps = [after - one for one, after in pairwise(taken)]
+    return median(gaps) if gaps and len(taken) == len(times) else 0.0

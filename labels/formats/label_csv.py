@@ -7,6 +7,7 @@ from pathlib import Path
 from sys import intern
 
 from tokt.features.common.errors import ToktError, naming
+from tokt.features.common.names import same_text
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
 from tokt.labels.taxonomy import Taxonomy, UnknownClassError
@@ -47,18 +48,18 @@ def read_label_csv(
     """
     lines = read_rows(path)
     rows = _RowReader(taxonomy, annotator or path.stem, grid, classes or {})
-    told = Remarks() if remarks is None else remarks
+    told = Remarks(strict=True) if remarks is None else remarks
     fault = None
     try:
         _, header = next(lines, ("line 1", []))
         with naming("line 1"):
-            _check_header(header, refuse_others=remarks is None)
+            _check_header(header, refuse_others=told.strict)
         told.pass_over(header, _READ)
         for where, values in lines:
-            with told.entry(where) if remarks is not None else naming(where):
+            with told.entry(where):
                 rows.add(header, values, where)
         for where, error in rows.contradictions.values():
-            with told.group(where) if remarks is not None else naming(where):
+            with told.group(where):
                 raise error
     except ToktError as error:
         fault = error
@@ -131,7 +132,8 @@ class _RowReader:
         self.notes += bool(row["note"])
         if row["blind"] not in _BLIND:
             raise ToktError(f"blind {row['blind']!r} is neither yes nor empty")
-        label = self._classes.get(row["label"], row["label"])
+        name = same_text(row["label"])
+        label = self._classes.get(name, name)
         if not label and row["label"]:
             self.left_out[row["label"]] += 1
             return

@@ -158,6 +158,7 @@ class FoundBox:
     position: int | None = None  # the frame's in its camera's sequence, from 0
     time_s: float | None = None  # the frame's in a video, from its start
     in_whole_seconds: bool = False  # that time, so that a position beside it is more exact
+    rate: float | None = None  # frames a second that the file counts its positions at
     in_percent: bool = False  # the shape, in place of pixels
     image_id: str = ""  # what tells the image apart in the file, such as "image 7"
 
@@ -202,10 +203,13 @@ def class_names(names: Iterable[str], options: ReadOptions) -> dict[str, str]:
     Raises ToktError if one is no class and not mapped to one; names them all.
     """
     counts = Counter(names)
-    found = {name: options.classes.get(name, name) for name in counts}
+    same = {name: same_text(name) for name in counts}
+    found = {name: options.classes.get(same[name], same[name]) for name in counts}
     known = (*options.taxonomy.names, UNSURE)
     unknown = [name for name, ours in found.items() if ours and ours not in known]
-    unknown += [name for name, ours in found.items() if not ours and name not in options.classes]
+    unknown += [
+        name for name, ours in found.items() if not ours and same[name] not in options.classes
+    ]
     if unknown:
         which = ", ".join(f"{name!r} ({counts[name]})" for name in sorted(unknown)[:10])
         more = ", ..." if len(unknown) > 10 else ""
@@ -229,12 +233,11 @@ class _LabelCollector:
         self._mixed: set[tuple[Cell, str, str]] = set()
         self._missing: Counter[str] = Counter()
         self._foreign: Counter[str] = Counter()
-        self._names: dict[FrameKey, tuple[str, str]] = {}
+        self._names: dict[FrameKey, dict[tuple[str, str], None]] = {}
         # Frames with boxes whose picture's size the file does not say, and those of them on which
         # a shape shows that it was another one than the frame's.
         self._unsized: dict[FrameKey, int] = Counter()
         self._larger: dict[FrameKey, str] = {}
-        self.fault = ""  # what makes the whole file ambiguous
 
     def add(self, found: FoundBox, label: str) -> None:
         """Take over one box."""
@@ -252,7 +255,7 @@ class _LabelCollector:
                 remark = "moved since tokt wrote the file: read by its new place"
                 self._remarks[shape.noun, remark] += 1
                 self._spread(shape, size, changed_by_hand(carried, label, *who))
-            elif found.label != carried.label:
+            elif same_text(found.label) != carried.label:
                 remark = "of another class than tokt wrote: labels by hand"
                 self._remarks[shape.noun, remark] += 1
                 self._keep(1.0, changed_by_hand(carried, label, *who))
@@ -337,15 +340,10 @@ class _LabelCollector:
         """The frame that a box is on; None where it is none of the mission, which is counted."""
         named, key = images.find(found.image), None
         if named.key is None and not named.folder and (images.is_video or not found.image):
-            position = found.position
-            rate = images.frames_per_second
-            if found.time_s is not None and rate and not _is_within(found, rate):
-                position = round(found.time_s * rate)
-                if position != found.position:
-                    self._remarks[
-                        found.shape.noun,
-                        "placed by time: the file's frame numbers are of another rate",
-                    ] += 1
+            position = _position(found, images.frames_per_second)
+            if position != found.position:
+                remark = "placed by time: the file's frame numbers are of another rate"
+                self._remarks[found.shape.noun, remark] += 1
             key = None if position is None else images.at(self._options.camera, position)
         key = key or named.key
         if named.folder:
@@ -353,23 +351,11 @@ class _LabelCollector:
         elif key is None:
             self._missing[found.image or f"position {found.position}"] += 1
         elif named.key is not None:
-            self._check_one_name(key, found)
+            name = same_text(found.image), found.image_id
+            self._names.setdefault(key, {})[name] = None
             if named.remark:
                 self._remarks["box", f"on images {named.remark}"] += 1
         return key
-
-    def _check_one_name(self, key: FrameKey, found: FoundBox) -> None:
-        name = same_text(found.image), found.image_id
-        first = self._names.setdefault(key, name)
-        if first != name:
-            one, other = (
-                f"{image[:_SHOWN]!r}{f' ({number})' if number else ''}"
-                for image, number in (first, name)
-            )
-            self.fault = self.fault or (
-                f"images {one} and {other} are both {key.camera} frame {key.frame}: keep one of"
-                " them in the file, or import each from a file of its own"
-            )
 
     def _spread(self, shape: Shape, size: Size, said: LabelRecord, *, sized: bool = True) -> None:
         """Give what was said to each patch that is found in the shape."""
@@ -394,8 +380,7 @@ class _LabelCollector:
     def result(self) -> ImportResult:
         """The labels, and what was not taken over."""
         remarks = self._remarks
-        if self.fault:
-            raise ToktError(self.fault)
+        self._refuse_two_names()
         remarks[
             "patch",
             "under boxes of several classes: the box that covers most decided, of equal ones the"
@@ -404,14 +389,13 @@ class _LabelCollector:
         mixed = {key for key in self._mixed if not self._best[key][0]}
         remarks["patch", "left out: points of several classes"] += len(mixed)
         self._tell_foreign()
-        if 2 * len(self._larger) >= len(self._unsized):  # then all of them were
-            self._larger |= {key: "" for key in self._unsized if self._larger} | self._larger
-        if self._larger:
-            images = count(len(self._larger), "frame")
+        # Where it shows on half of the frames, all pictures of the file were larger.
+        all_were = 2 * len(self._larger) >= len(self._unsized)
+        larger = set(self._unsized if self._larger and all_were else self._larger)
+        if larger:
+            images, seen = count(len(larger), "frame"), next(iter(self._larger.values()))
             what = f"left out: on {images} whose pictures were larger where they were labelled"
-            entries = sum(self._unsized[key] for key in self._larger)
-            seen = next(filter(None, self._larger.values()))
-            remarks["box", f"{what} ({seen})"] += entries
+            remarks["box", f"{what} ({seen})"] += sum(self._unsized[key] for key in larger)
         if self._missing:
             first = next(iter(self._missing))
             images = count(len(self._missing), "image")
@@ -422,13 +406,25 @@ class _LabelCollector:
             (
                 record
                 for key, (_, record, sized) in self._best.items()
-                if key not in mixed and (sized or _key(record) not in self._larger)
+                if key not in mixed and (sized or _key(record) not in larger)
             ),
             key=lambda r: r.source == SETTLED,
         )
         if not records:
             raise ToktError("; ".join(["no labels in it", *remarks.lines()]))
         return ImportResult(records, remarks.lines())
+
+    def _refuse_two_names(self) -> None:
+        for key, names in self._names.items():
+            if len(names) > 1:
+                one, other, *_ = (
+                    f"{image[:_SHOWN]!r}{f' ({number})' if number else ''}"
+                    for image, number in names
+                )
+                raise ToktError(
+                    f"images {one} and {other} are both {key.camera} frame {key.frame}: keep one of"
+                    " them in the file, or import each from a file of its own"
+                )
 
     def _tell_foreign(self) -> None:
         """Tell of boxes in folders of other dives; ToktError where these are all there are."""
@@ -446,11 +442,14 @@ class _LabelCollector:
         self._remarks["box", what] += sum(self._foreign.values())
 
 
-def _is_within(found: FoundBox, rate: float) -> bool:
-    """Whether a frame's position is in the second that its time names."""
-    if not found.in_whole_seconds or found.time_s is None or found.position is None:
-        return False
-    return 0 <= found.position / rate - found.time_s < 1
+def _position(found: FoundBox, video_rate: float | None) -> int | None:
+    """The position of a box's frame in a video, by its time where it has one."""
+    if video_rate is None or found.position is None:
+        return found.position
+    seconds, time_s = found.position / (found.rate or video_rate), found.time_s
+    # A time in whole seconds does not tell which of the frames in that second it is.
+    within = found.in_whole_seconds and time_s is not None and 0 <= seconds - time_s < 1
+    return round(video_rate * (seconds if within or time_s is None else time_s))
 
 
 def _key(record: LabelRecord) -> FrameKey:

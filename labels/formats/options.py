@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tokt.features.common.errors import ToktError, printable
+from tokt.features.common.names import same_text
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.mission import LEFT
 from tokt.labels.record import SETTLED, LabelRecord
@@ -39,6 +40,10 @@ class ReadOptions:
     # The file's name of a class to ours; to nothing for a class to leave out.
     classes: Mapping[str, str] = field(default_factory=dict)
     camera: str = LEFT  # of a file that names frames by their position only
+
+    def __post_init__(self) -> None:
+        named = {same_text(theirs): same_text(ours) for theirs, ours in self.classes.items()}
+        object.__setattr__(self, "classes", named)
 
 
 @dataclass(frozen=True)
@@ -97,11 +102,13 @@ class Remarks(Counter[tuple[str, str]]):
     """Remarks on a file: the counts of all that is not taken over as it stands there.
 
     It counts how many of something, and what about them: ``("box", "left out: without area")``.
-    An entry that cannot be read is left out alone, and shown with its place.
+    An entry that cannot be read is left out alone, and shown with its place; or, where they are
+    `strict`, it refuses the file.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, strict: bool = False) -> None:
         super().__init__()
+        self.strict = strict
         self._entries = 0
         self._odd: list[str] = []
         self._unread: dict[str, None] = {}
@@ -126,6 +133,8 @@ class Remarks(Counter[tuple[str, str]]):
 
     def leave_out(self, where: str, error: ToktError) -> None:
         """Leave out an entry, which `error` says is wrong."""
+        if self.strict:
+            raise ToktError(f"{where}: {error}")
         self._odd.append(f"{where}: {error}")
 
     def pass_over(self, fields: Iterable[Any], known: Container[str]) -> None:

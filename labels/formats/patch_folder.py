@@ -18,6 +18,7 @@ import numpy as np
 from tokt.features.common.arrays import I64, U8
 from tokt.features.common.atomic import publish_folder, scratch_folder
 from tokt.features.common.errors import ToktError, naming, os_errors_as
+from tokt.features.common.names import same_text
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import SUFFIXES
 from tokt.labels.record import LabelRecord
@@ -173,5 +174,5 @@ def _found(path: Path, manifest: dict[str, LabelRecord], remarks: Remarks) -> di
             elif image.name in found:
                 raise ToktError(f"{image.name} is in {found[image.name]} and in {child.name}")
             else:
-                found[image.name] = child.name
+                found[image.name] = same_text(child.name)
     return found

@@ -91,17 +91,14 @@ def boxes(rows: Rows, options: ReadOptions, who: str, remarks: Remarks) -> Itera
             found = (_ATTRIBUTE.fullmatch(cell.strip()) for cell in row[_FIXED:])
             position = whole(row[2].strip(), "frame")
             clock = _CLOCK.fullmatch(row[1].strip())
-            seconds = position / rate if rate else None
-            coarse = clock is not None and "." not in clock[3]
-            if clock and not (coarse and seconds and 0 <= seconds - _seconds(clock) < 1):
-                seconds = _seconds(clock)
             yield FoundBox(
                 *(where, row[1], Shape(box), label, who),
                 {match[1]: _unquoted(match[2]) for match in found if match},
                 model_version=who if confidence < 1 else None,
                 position=position,
-                time_s=seconds,
-                in_whole_seconds=coarse,
+                time_s=_seconds(clock) if clock else None,
+                in_whole_seconds=clock is not None and "." not in clock[3],
+                rate=rate,
             )
             remarks.update({_SHAPES for cell in row if _SHAPE.match(cell)})
 

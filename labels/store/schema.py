@@ -13,8 +13,8 @@ keep the tests that build yesterday's files from literal SQL.
 1. Events of people and models.
 2. Settlements, the actions that events belong to (undo), and the frames that were seen.
 3. Whether each label was given blind, who labels blind when, notes, settings of missions.
-4. The files of frames, by whose names frames are known; names of missions and annotators in
-   Unicode's form NFC.
+4. The files of frames, by whose names frames are known; names of missions, annotators and
+   classes in Unicode's form NFC.
 """
 
 APPLICATION_ID = 0x746F6B74  # "tokt": tells our file from any other program's database
@@ -171,7 +171,7 @@ def upgrade(connection: sqlite3.Connection) -> None:
     old = format_of(connection)
     if old >= FORMAT:
         return
-    connection.create_function("nfc", 1, same_text, deterministic=True)
+    connection.create_function("nfc", 1, lambda text: text and same_text(text), deterministic=True)
     for kind, name in connection.execute(_MADE_ANEW).fetchall():
         connection.execute(f"DROP {kind} {name}")
     more = {1: _MORE_OF_1, 2: _MORE_OF_2, 3: _MORE_OF_3}[old]
@@ -187,6 +187,7 @@ def upgrade(connection: sqlite3.Connection) -> None:
             f"UPDATE OR REPLACE {table} SET mission = nfc(mission), annotator = nfc(annotator)"
             " WHERE (mission, annotator) <> (nfc(mission), nfc(annotator))"
         )
+    connection.execute("UPDATE events SET label = nfc(label) WHERE label <> nfc(label)")
     _run(connection, _REST)
 
 

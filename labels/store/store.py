@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 from weakref import WeakSet
 
-from tokt.features.common.errors import ToktError, check_format
+from tokt.features.common.errors import ToktError, check_format, counted
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import FolderMission, Mission
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, NoLabelsError
@@ -66,7 +66,7 @@ _SETTLE = f"""INSERT INTO events ({COLUMNS}) SELECT {VALUES}
 
 _COUNT_ADDED = f"""SELECT source, ({
     _LAST.format(what="label", of="added.", more="AND id < added.id")
-}) IS NOT NULL, COUNT(*) FROM events AS added WHERE id > ? GROUP BY 1, 2"""
+}) IS NOT NULL, COUNT(*), SUM(annotator = ?) FROM events AS added WHERE id > ? GROUP BY 1, 2"""
 
 # By number, whatever SQLite thinks of the index by mission.
 _AFTER = """SELECT id, camera, frame, row, col, label, annotator, source,
@@ -252,8 +252,14 @@ class LabelStore:
         """
         return self.add_counted(records).events
 
-    def add_counted(self, records: Iterable[LabelRecord], *, dry: bool = False) -> AddResult:
-        """`add`, telling new labels from changed ones; `dry` tells it and adds none."""
+    def add_counted(
+        self, records: Iterable[LabelRecord], *, dry: bool = False, assumed: str = ""
+    ) -> AddResult:
+        """`add`, telling new labels from changed ones; `dry` tells it and adds none.
+
+        `assumed` is an annotator whom nothing but the name of a file says: tools give the files of
+        all people one name. Raises ToktError where labels of that one would change.
+        """
         given = self._by_file(list(records))
 
         def rows(*, settled: bool) -> Iterator[dict[str, Any]]:
@@ -268,10 +274,16 @@ class LabelStore:
             self._connection.executemany(_ADD, rows(settled=False))
             # After the opinions they settle: an opinion that is newer opens the question again.
             self._connection.executemany(_SETTLE, rows(settled=True))
-            counts = self._connection.execute(_COUNT_ADDED, (last,)).fetchall()
+            counts = self._connection.execute(_COUNT_ADDED, (assumed, last)).fetchall()
+            by_kind = {(source, bool(had)): n for source, had, n, _ in counts}
+            if replaced := sum(n for source, had, _, n in counts if source == HUMAN and had):
+                raise ToktError(
+                    f"{counted(replaced, 'patch')} would change that {assumed!r} labelled, and the"
+                    " file does not say who made it. Give --annotator NAME, the same name if it is"
+                    " the same person"
+                )
             if dry:
                 self._connection.execute("ROLLBACK TO empty")
-        by_kind = {(source, bool(had)): n for source, had, n in counts}
         return AddResult(
             new=by_kind.get((HUMAN, False), 0),
             changed=by_kind.get((HUMAN, True), 0),

@@ -47,8 +47,8 @@ class FrameSeries:
     gaps: I64  # (n_frames,): frames missing just before each one, in its own sequence
 
     @classmethod
-    def of(cls, table: pd.DataFrame, steps: Mapping[str, int] | None = None) -> FrameSeries:
-        """Order the rows of a table; `steps`: each dive's `frame_step`, or the frames show it.
+    def of(cls, table: pd.DataFrame, step: int | None = None) -> FrameSeries:
+        """Order the rows of a table; `step` is the dives' `frame_step`, or the frames show it.
 
         They come in the order of their positions, or of their numbers in a table without these.
         """
@@ -61,10 +61,8 @@ class FrameSeries:
         starts = np.flatnonzero(new)
         missing: list[int] = []
         parts = np.split(table.position.to_numpy(), starts[1:])
-        for first, part in zip(starts, parts, strict=True):
-            positions = part.tolist()
-            step = steps[table.mission[first]] if steps else frame_step(positions)
-            missing += missed_before(positions, step)
+        for positions in (part.tolist() for part in parts):
+            missing += missed_before(positions, step or frame_step(positions))
         return cls(table, starts, np.asarray(missing, np.int64))
 
     def kind(self, name: str) -> Bools:

@@ -222,7 +222,7 @@ def predict_missions(
             _predictions(bundle, patches, truth, places, its_values, its_judged, white)
             for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True)
         ],
-        series=FrameSeries.of(pd.concat(tables), dict.fromkeys(by_name, 1)),
+        series=FrameSeries.of(pd.concat(tables), step=1),
         read_frame=lambda name, camera, frame: by_name[name].read(frame, camera),
         dataset=None,
         notes=_notes(bundles, sure, unsure, single),

@@ -22,6 +22,7 @@ from tokt.features.common.arrays import F64, I64
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.common.names import same_text
 from tokt.features.frames.mission import LEFT, FolderMission, Mission, VideoMission
+from tokt.features.frames.single_pictures import seconds_taken
 from tokt.labels.formats.frame_metadata import mission_metadata
 
 from .folds import BLOCK_FRAMES, block_of
@@ -29,8 +30,6 @@ from .folds import BLOCK_FRAMES, block_of
 TIMES_FILE = "times.csv"
 """Beside the frames: columns ``file`` and ``time`` (seconds, or ISO 8601)."""
 
-_EXIF, _TAKEN, _FRACTION = 0x8769, 0x9003, 0x9291
-"""Exif 2.32, tables 4 and 8: the Exif IFD, DateTimeOriginal and SubSecTimeOriginal."""
 _SIDE_PX = (20, 15)  # of the small pictures that are compared: what a scene is, without its texture
 _MOST_PICTURES = 256
 _ALIKE = 0.5
@@ -141,12 +140,12 @@ def _times_in_pictures(mission: FolderMission) -> dict[int, float]:
     for number in mission.frames(LEFT):
         try:
             with Image.open(mission.file(number)) as picture:
-                exif = picture.getexif().get_ifd(_EXIF)
-            moment = datetime.strptime(str(exif[_TAKEN]), "%Y:%m:%d %H:%M:%S")
-            part = float(f"0.{str(exif.get(_FRACTION) or 0).strip()}")
-        except (KeyError, ValueError, OSError, SyntaxError, Image.DecompressionBombError):
+                taken = seconds_taken(picture)
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+            taken = None
+        if taken is None:
             return {}
-        found[number] = moment.replace(tzinfo=UTC).timestamp() + part
+        found[number] = taken
     return found
 
 

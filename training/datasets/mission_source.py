@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from tokt.features.common.errors import FrameError, ToktError, counted, os_errors_as
+from tokt.features.common.names import same_text
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.image_file import OTHER_PICTURES, SUFFIXES
 from tokt.features.frames.mission import LEFT, FolderMission, Mission, frame_size, open_mission
@@ -401,7 +402,7 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
     Raises ToktError if the folder is missing, has no images, or a sub-folder is not a class.
     """
     mission, images = folder.resolve().name, patch_images(folder, taxonomy)
-    rows = [(mission, "left", n, 0, 0, image.parent.name) for n, image in enumerate(images, 1)]
+    rows = [(mission, "left", n, 0, 0, label_of(image)) for n, image in enumerate(images, 1)]
     table = pd.DataFrame(rows, columns=_COLUMNS)
     sure = table[table.label != UNSURE]
     sources = [
@@ -441,9 +442,14 @@ def patch_images(folder: Path, taxonomy: Taxonomy) -> list[Path]:
     )
     if not images:
         raise ToktError(f"folder of patches {folder} has no images (one sub-folder a class)")
-    for label in sorted({image.parent.name for image in images}):
+    for label in sorted(set(map(label_of, images))):
         taxonomy.check_label(label)
     return images
+
+
+def label_of(image: Path) -> str:
+    """Return the label of an image in a folder of patches, which its folder's name is."""
+    return same_text(image.parent.name)
 
 
 def _load(path: Path) -> tuple[bytes, str]:

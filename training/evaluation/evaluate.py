@@ -27,7 +27,12 @@ from tokt.models.operating_point import missed_before
 from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
 from tokt.training.datasets.dive_positions import independent_blocks
-from tokt.training.datasets.mission_source import PATCH_GRID, LabelledMission, patch_images
+from tokt.training.datasets.mission_source import (
+    PATCH_GRID,
+    LabelledMission,
+    label_of,
+    patch_images,
+)
 
 from .approaches import (
     NOTHING_STATED,
@@ -454,7 +459,7 @@ def evaluate_patches(
             "ready-cut ones; evaluate it on a mission"
         )
     images = patch_images(folder, taxonomy)
-    sure = [image for image in images if image.parent.name != UNSURE]
+    sure = [image for image in images if label_of(image) != UNSURE]
     if not sure:
         raise ToktError(f"no labelled patch in {folder} to evaluate on")
     known, seen, values = set(bundle.content.trained_on.tolist()), 0, []
@@ -466,7 +471,7 @@ def evaluate_patches(
         except (ToktError, ValueError) as error:
             raise ToktError(f"{path} cannot be scored: {error}") from None
         seen += int(frame_id(pixel_sha256(image))) in known
-    labels = [image.parent.name for image in sure]
+    labels = [label_of(image) for image in sure]
     return {
         "model": _model(bundle),
         "patches": str(folder),

@@ -26,7 +26,7 @@ from tokt.labels.export import Wanted, export_labels
 from tokt.labels.formats.formats import FORMATS, format_named, format_to_read
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
-from tokt.labels.labels import assumed_annotator, refuse_to_replace
+from tokt.labels.labels import assumed_annotator
 from tokt.labels.page.state.session import CACHE, Session
 from tokt.labels.record import HUMAN, NoLabelsError, utc_now
 from tokt.labels.store.backup import back_up
@@ -138,8 +138,7 @@ def _take(
     own = all((record.annotator, record.source) == (who, HUMAN) for record in read.records)
     refuse_blind(who in session.blind and not own)
     assumed = assumed_annotator(file, options.annotator, read.records)
-    refuse_to_replace(session.store, read.records, assumed)
-    added = session.store.add_counted(read.records, dry=not apply)
+    added = session.store.add_counted(read.records, dry=not apply, assumed=assumed)
     if apply:
         session.refresh()
     here = session.mission.name, session.grid

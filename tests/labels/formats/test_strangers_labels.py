@@ -23,6 +23,7 @@ from tokt.labels.formats.images import FrameKey, MissionImages
 from tokt.labels.formats.options import ReadOptions
 from tokt.labels.labels import Labels
 from tokt.labels.store.store import FILE_NAME, LabelStore
+from tokt.labels.taxonomy import Taxonomy
 
 from .examples import SLOW, TAXONOMY, put, told
 
@@ -357,6 +358,20 @@ def test_names_are_the_same_in_both_forms_of_unicode(tmp_path):
         annotator="A\u030ase",
     )
     assert (record.mission, record.annotator) == (images.name, "\u00c5se")
+
+
+def test_classes_are_the_same_in_both_forms_of_unicode(tmp_path, dive):
+    text = TAXONOMY.to_toml() + '[[classes]]\nname = "tare\u0301"\nobstacle = true\n'
+    text += 'color = "#123456"\nkey = "9"\n'
+    taxonomy = Taxonomy.load(put(tmp_path, text, "taxonomy.toml"))
+    options = ReadOptions(taxonomy, grid=GRID, images=dive, classes={"ble\u0301": "tar\u00e9"})
+    coco = json.loads(_coco([Said(1, 0, 0, "ocean", "", 1, False, 0, True)]))
+    for name in ("tare\u0301", "tar\u00e9", "bl\u00e9", "ble\u0301"):
+        coco["categories"][0]["name"] = name
+        assert FORMATS["coco"].read(put(tmp_path, coco), options).records[0].label == "tar\u00e9"
+        rows = f"mission,camera,frame,row,col,label\ndive_1,left,1,0,0,{name}\n"
+        read = FORMATS["csv"].read(put(tmp_path, rows, "a.csv"), options)
+        assert read.records[0].label == "tar\u00e9"
 
 
 def test_files_of_two_people_with_one_name_do_not_replace_each_other(tmp_path):

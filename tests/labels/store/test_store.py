@@ -354,7 +354,7 @@ CREATE VIEW settled_now AS
             AND other.source <> 'model' AND other.id > events.id);
 PRAGMA application_id = 1953459060;
 PRAGMA user_version = 3;
-INSERT INTO events VALUES (2, 'Krillé', 'left', 1, '10x10@360', 0, 0, 'ocean', 'Åse',
+INSERT INTO events VALUES (2, 'Krillé', 'left', 1, '10x10@360', 0, 0, 'taré', 'Åse',
     '2016-04-20T10:00:00Z', 'human', 'lbp/3', 1, NULL);
 INSERT INTO events VALUES (5, 'dive', 'left', 1, '10x10@360', 0, 1, 'reef', 'ann',
     '2016-04-20T10:00:00Z', 'human', NULL, 0, NULL);
@@ -431,6 +431,7 @@ def test_a_format_3_file_is_brought_up_to_date_and_names_are_one(tmp_path):
         mission, who = "Krill\u00e9", "\u00c5se"
         (record,) = store.current(mission)
         assert (record.mission, record.annotator, record.blind) == (mission, who, True)
+        assert record.label == "tar\u00e9" and store.grids(mission)
         assert len(store.current("dive")) == 1 and record.file == ""
         assert store.seen(mission, who) == {("left", 1)}
         assert store.settings(mission) == {"rate": "2"} and len(store.notes(mission)) == 1

@@ -465,7 +465,7 @@ def _random_dives(judged, white):
     said = {"score": finite, "on_grid": scores, "judged": rng.random(100) < 0.95}
     models = [replace(judged.models[0], white=white, **said)]
     truth = rng.random(len(finite)) < 0.5
-    return replace(judged, truth=truth, models=models, series=FrameSeries.of(table, {"m": 1}))
+    return replace(judged, truth=truth, models=models, series=FrameSeries.of(table, step=1))
 
 
 @pytest.mark.parametrize("white", [1, 2])

@@ -227,11 +227,11 @@ def test_a_status_that_a_rule_holds_on_to_is_no_false_one(judged):
     table = judged.series.table.iloc[:8].assign(
         kind=kind, position=[1, 2, 3, 4, 5, 6, 7, 7], camera=["left"] * 7 + ["right"], mission="a"
     )
-    series = FrameSeries.of(table, {"a": 1})
+    series = FrameSeries.of(table, step=1)
     for window, apart in {1: [0, 2, 3, 4, 6, 7], 3: [0, 4, 6, 7], 9: [0, 7]}.items():
         assert np.flatnonzero(series.ocean_apart(window)).tolist() == apart
     # A missing frame counts among those of the window.
-    series = FrameSeries.of(table.assign(position=[1, 2, 5, 6, 7, 8, 9, 9]), {"a": 1})
+    series = FrameSeries.of(table.assign(position=[1, 2, 5, 6, 7, 8, 9, 9]), step=1)
     assert np.flatnonzero(series.ocean_apart(3)).tolist() == [0, 2, 3, 4, 6, 7]
 
 
