@@ -15,15 +15,16 @@ import json
 import math
 import os
 import queue
+import stat
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from tokt.features.common.errors import ToktError, os_errors_as, os_words
+from tokt.features.common.errors import ToktError, counted, os_errors_as, os_words
 from tokt.inference.config import RecordingConfig
 
 MAX_KEPT = 99
@@ -60,15 +61,28 @@ class JsonLines:
     A line that cannot be written is counted and does not stop the runtime. The first one that can
     be again follows a line ``{"lost_lines": 12, "why": "No space left on device"}``.
 
+    A file that somebody deletes, replaces or cuts short is begun anew, in its folder, and the lines
+    of this process that were in it are counted as lost; `tell` is given a line for people. The
+    new file starts with the lines in `beginning`.
+
     One process at a time writes the file; without a rotation it grows without end. ToktError if it
     cannot be opened, unless that is left for later: to `open`, or to the first line.
     """
 
     def __init__(
-        self, path: Path | str, rotation: LogRotation | None = None, later: bool = False
+        self,
+        path: Path | str,
+        rotation: LogRotation | None = None,
+        later: bool = False,
+        tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.failed = 0  # lines that could not be written, such as on a full disk
         self.last_error = ""  # what went wrong last, lines lost or not
+        self.fault = ""  # why the newest line is not on the disk
+        self.beginning: dict[str, dict[str, Any]] = {}
+        self._tell = tell
+        self._lines = 0  # in this file, of this process
+        self._is_anew = False
         self._path = Path(path)
         self._rotation = rotation
         self._lost = 0
@@ -91,11 +105,36 @@ class JsonLines:
         except (ValueError, TypeError, RecursionError) as error:
             self._fail(f"not JSON: {error}")
             return
+        self.look()
         try:
             self._write(line)
         except OSError as error:
             self._fail(os_words(error))
             self.close()  # opened anew for the next line: the disk may have been taken out
+
+    def look(self) -> None:
+        """Notice that the file is not the one that was opened, or was cut short."""
+        if self._file is None:
+            return
+        ours = os.fstat(self._file.fileno())
+        try:
+            is_ours = os.path.samestat(ours, self._path.stat())
+        except OSError:
+            is_ours = False
+        if is_ours and (ours.st_size >= self._size or not stat.S_ISREG(ours.st_mode)):
+            return
+        # A file that has been given another name keeps its lines.
+        is_gone = ours.st_nlink == 0
+        lost = self._lines if is_ours or is_gone else 0
+        what = "was cut short" if is_ours else "was deleted" if is_gone else "was moved away"
+        self.failed += lost
+        self.lose(lost, f"the file {what}")
+        self._tell(f"log {self._path} {what} and is begun anew: {counted(lost, 'line')} lost")
+        self._is_anew = True
+        self.close()
+        if is_gone:  # a folder that is away as a whole, with its disk, may come back
+            with contextlib.suppress(OSError):  # told by the next line, which cannot be written
+                self._path.parent.mkdir(exist_ok=True)
 
     def lose(self, lines: int, why: str) -> None:
         """Say before the next line that so many are not there."""
@@ -114,6 +153,8 @@ class JsonLines:
         if self._rotation and self._size and self._size + len(line) > self._rotate_at:
             file = self._rotate(self._rotation)
         before = b"\n" if self._torn else b""
+        if self._is_anew:
+            before += b"".join(map(json_line, self.beginning.values()))
         if self._lost:
             lost = {"lost_lines": self._lost, "why": self.last_error}
             before += json_line(lost)
@@ -123,14 +164,16 @@ class JsonLines:
         if written:
             self._torn = data[written - 1 : written] != b"\n"
         if written >= len(before):
-            self._lost = 0
+            self._lost, self._is_anew = 0, False
         if written < len(data):
             self._fail("the disk took a part of the line only")
+        else:
+            self._lines, self.fault = self._lines + 1, ""
 
     def _fail(self, why: str) -> None:
         self.failed += 1
         self._lost += 1
-        self.last_error = why
+        self.last_error = self.fault = why
 
     def _rotate(self, rotation: LogRotation) -> FileIO:
         """Begin the next file, or go on in this one if that cannot be."""
@@ -149,7 +192,7 @@ class JsonLines:
     def _open(self) -> FileIO:
         # Unbuffered: a line is the operating system's once `write` returns.
         self._file = file = self._path.open("ab", buffering=0)
-        self._size = os.fstat(file.fileno()).st_size
+        self._size, self._lines = os.fstat(file.fileno()).st_size, 0
         self._torn = False
         if self._size:  # a process that died may have left its last line half-written
             with self._path.open("rb") as handle:
@@ -162,6 +205,7 @@ class JsonLines:
 _MAX_WAITING = 1000
 _PATIENCE_S = 1.0
 _LINE_S = 0.1
+_LOOK_S = 0.5  # between two looks at a file that nothing is written to
 
 
 class LinesApart:
@@ -172,8 +216,14 @@ class LinesApart:
     turns out within a second that the file cannot be opened.
     """
 
-    def __init__(self, path: Path | str, rotation: LogRotation | None = None) -> None:
-        self._lines = JsonLines(path, rotation, later=True)
+    def __init__(
+        self,
+        path: Path | str,
+        rotation: LogRotation | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._lines = JsonLines(path, rotation, later=True, tell=tell)
+        self.beginning = self._lines.beginning
         self._fault: ToktError | None = None
         self._left_out = self._untold = self._given = self._written = 0
         self._waiting: queue.Queue[dict[str, Any] | int | None] = queue.Queue(_MAX_WAITING)
@@ -193,6 +243,14 @@ class LinesApart:
     def failed(self) -> int:
         """Lines that could not be written."""
         return self._left_out + self._lines.failed
+
+    @property
+    def fault(self) -> str:
+        """Why lines are not on the disk at present."""
+        return _HANGS if self._untold else self._lines.fault
+
+    def look(self) -> None:
+        """Do nothing: the thread looks after the file."""
 
     def write(self, value: dict[str, Any]) -> None:
         """Have one line added, or count why not."""
@@ -224,7 +282,7 @@ class LinesApart:
             self._fault = error  # after the second, each line tries again
         finally:
             self._opened.set()
-        while (value := self._waiting.get()) is not None:
+        while (value := self._next()) is not None:
             if isinstance(value, int):
                 self._lines.lose(value, _HANGS)
             else:
@@ -233,6 +291,14 @@ class LinesApart:
                 self._written += 1
                 self._changed.notify()
         self._lines.close()
+
+    def _next(self) -> dict[str, Any] | int | None:
+        """What is to be written next; the file is looked after meanwhile."""
+        while True:
+            try:
+                return self._waiting.get(timeout=_LOOK_S)
+            except queue.Empty:
+                self._lines.look()
 
 
 def older_file(path: Path, number: int) -> Path:

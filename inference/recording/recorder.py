@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.atomic import locked
-from tokt.features.common.errors import ToktError, os_errors_as, os_words
+from tokt.features.common.errors import ToktError, counted, os_errors_as, os_words
 from tokt.features.frames.view_mask import mask_file, write_masks
 from tokt.inference.clock import Clock
 from tokt.inference.config import RecordingConfig
@@ -47,6 +47,7 @@ _SPARE_PART = 0.05
 _COUNT_S = 60.0
 _CLOSE_S = 20.0
 _LAST_S = 2.0
+_LOOK_S = 0.5  # between two looks at a folder that nothing is written to
 _NICENESS = 10
 
 
@@ -78,12 +79,20 @@ class RecordingWriter:
     `held_bytes` of memory have those that wait, and the one that is written.
     """
 
-    def __init__(self, folder: RecordingFolder, run: str, budget: DiskBudget, clock: Clock) -> None:
+    def __init__(
+        self,
+        folder: RecordingFolder,
+        run: str,
+        budget: DiskBudget,
+        clock: Clock,
+        make_folder: Callable[[], None],
+    ) -> None:
         self.frames = self.written_bytes = self.removed_bytes = self.dropped = 0
         self.fault = ""
         self._folder = folder
         self._run = run
         self._budget = budget
+        self._make_folder = make_folder
         self._clock = clock
         self._counted_s = clock.monotonic()
         self._queue: deque[tuple[HeldFrame, int] | Mapping[str, Any]] = deque()
@@ -129,10 +138,13 @@ class RecordingWriter:
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._queue or self._closing)
-                if not self._queue:
+                ready = self._changed.wait_for(lambda: self._queue or self._closing, _LOOK_S)
+                if ready and not self._queue:
                     return
-                item = self._queue.popleft()
+                item = self._queue.popleft() if ready else None
+            if item is None:
+                self._look()
+                continue
             if isinstance(item, tuple):
                 self._record(*item)
                 continue
@@ -140,6 +152,16 @@ class RecordingWriter:
                 self._folder.tell(item)
             except (ValueError, TypeError) as error:
                 self.fault = f"event {item.get('event')} is no JSON: {error}"
+
+    def _look(self) -> None:
+        """Notice that the recording was taken away, and make its folder anew."""
+        try:
+            self._folder.look()
+            self._make_folder()
+        except OSError as error:
+            self.fault = os_words(error)
+        except ToktError as error:
+            self.fault = str(error)
 
     def _record(self, held: HeldFrame, clip: int) -> None:
         try:
@@ -160,6 +182,7 @@ class RecordingWriter:
         pictures = {side: picture for side, picture in sides.items() if picture is not None}
         line = frame_line(self._run, frame, held.judgement, held.report)
         line["judged"] = held.judged
+        self._make_folder()
         encoded = self._folder.encode(frame.number, clip, pictures, line)
         if not self._make_room(encoded):
             return NO_ROOM
@@ -235,15 +258,33 @@ class Recorder(Observer):
         self._seq = self._judged = 0
         self._last_number = -1
         self._told_fault = ""
+        self._told_taken = 0
         self._told_s = -_TELL_S
         budget = DiskBudget(self.folder, self.most_mb, self.reserve_mb)
         self._opened = ExitStack()
         with os_errors_as(f"cannot record into {self.folder}"):
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._opened.enter_context(locked(self.folder / _LOCK, _LOCK_WAIT_S))
+            self._lock_folder()
         budget.count()  # now that nobody else writes
         recording = RecordingFolder(self.folder / self.run, self.run)
-        self.writer = RecordingWriter(recording, self.run, budget, self.clock)
+        self._recording = recording
+        self.writer = RecordingWriter(
+            recording, self.run, budget, self.clock, make_folder=self._make_folder
+        )
+
+    def _lock_folder(self) -> None:
+        self._opened.enter_context(locked(self.folder / _LOCK, _LOCK_WAIT_S))
+
+    def _make_folder(self) -> None:
+        """Make the folder again where it was taken away."""
+        if not (self.folder / _LOCK).exists():
+            self.folder.mkdir(exist_ok=True)
+            self._lock_folder()
+
+    @property
+    def fault(self) -> str:  # type: ignore[override]
+        """Why frames are not recorded at present."""
+        return self.writer.fault
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Keep the frame, or remember it for a while."""
@@ -320,7 +361,12 @@ class Recorder(Observer):
         return self._before_bytes + self.writer.held_bytes + more <= 1e6 * self.memory_mb
 
     def _say_fault(self) -> None:
-        """Tell that frames are left out, or no more, once it has changed."""
+        """Tell that frames are left out, or no more, once it has changed; and those taken away."""
+        if self._recording.taken > self._told_taken:
+            taken = self._recording.taken - self._told_taken
+            self._told_taken = self._recording.taken
+            words = f"the recording was taken away and begins anew: {counted(taken, 'frame')} gone"
+            self._say(words, {"taken": taken})
         fault = self.writer.fault
         now = self.clock.monotonic()
         if fault == self._told_fault or now - self._told_s < _TELL_S:

@@ -120,6 +120,7 @@ class RecordingFolder:
         self._written_events = 0
         self._kept: list[_WrittenFrame] = []
         self.lines_bytes = 0
+        self.taken = 0  # frames that somebody took away, or deleted, with their recording
 
     def tell(self, line: Mapping[str, Any]) -> None:
         """Write an event's line before the next frame's."""
@@ -133,7 +134,7 @@ class RecordingFolder:
         Each frame has a number of its own, and clips rise: frames of one are removed together.
         Pictures go by side, ``"left"`` and ``"right"``, those that are there.
         """
-        self._look()
+        self.look()
         files = {}
         for side, picture in pictures.items():
             folder, letter = SIDES[side]
@@ -179,10 +180,11 @@ class RecordingFolder:
             self._unlink(kept.files)
         return freed
 
-    def _look(self) -> None:
+    def look(self) -> None:
         """Begin anew where somebody has taken the recording away: what is left is theirs."""
         size = self._file.stat().st_size if self._file.exists() else 0
         if size != self.lines_bytes or size == 0:
+            self.taken += len(self._kept)
             self._kept, self.lines_bytes, self._written_events = [], size, 0
 
     def _append(self, lines: bytes) -> None:
@@ -190,7 +192,7 @@ class RecordingFolder:
         data = lines if self.lines_bytes else self._head + lines
         with self._file.open("ab", buffering=0) as file:
             if os.fstat(file.fileno()).st_size != self.lines_bytes:
-                # Taken away since `_look`: what begins here would have no head.
+                # Taken away since `look`: what begins here would have no head.
                 raise OSError(f"{self._file} was taken away")
             if file.write(data) != len(data):
                 # A full disk takes a part only, and lets go of it.

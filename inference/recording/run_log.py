@@ -1,8 +1,7 @@
 """The log of a run: a line for every frame and heartbeat, and the events in a file beside it."""
 
 import math
-import uuid
-from datetime import UTC, datetime
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,14 +9,17 @@ from typing import Any
 import numpy as np
 
 from tokt.features.common.arrays import F64, U8
-from tokt.inference.clock import Clock
+from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.reason import Fault
-from tokt.inference.report import LOG_ONLY, Event, Report, filler
+from tokt.inference.report import LOG_ONLY, MODEL, START, Event, Report, filler
 
 from .log import JsonLines, LinesApart, LogRotation
+
+LOG_LOST = "log_lost"
+"""Event: a file of the log was deleted, replaced or cut short, and is begun anew."""
 
 _log_only = filler(LOG_ONLY)
 
@@ -65,14 +67,6 @@ def _side(picture: U8 | None, fault: Fault) -> str | dict[str, str]:
     return {"reason": fault.reason.value, "words": str(fault)}
 
 
-def new_run_id(clock: Clock) -> str:
-    """A name for a run, such as ``run-20160420-101112-3fa2c1``: fit for a folder, and its own even
-    where the clock was set back.
-    """
-    moment = datetime.fromtimestamp(clock.time(), UTC)
-    return f"run-{moment:%Y%m%d-%H%M%S}-{uuid.uuid4().hex[:6]}"
-
-
 def events_path(log: Path) -> Path:
     """The events' file of a log: ``run.jsonl`` has ``run.events.jsonl``."""
     return log.with_name(f"{log.stem}.events{log.suffix}")
@@ -83,7 +77,8 @@ class RunLog(Observer):
 
     With `values` frames' lines carry each patch's decision values, exact to the last bit: what
     training and serving can be compared by. If it is `live` nobody waits for the disk, and lines
-    are left out where that is too slow. ToktError if a file cannot be opened.
+    are left out where that is too slow. `tell` takes the event `LOG_LOST`, from any thread: a file
+    was deleted or replaced. ToktError if a file cannot be opened.
     """
 
     def __init__(
@@ -93,19 +88,29 @@ class RunLog(Observer):
         rotation: LogRotation | None = None,
         values: bool = False,
         live: bool = False,
+        tell: Callable[[Event], None] = lambda _: None,
     ) -> None:
         rotation = LogRotation() if rotation is None else rotation
         self._run = run
         self._values = values
         self._seq = 0
         lines = LinesApart if live else JsonLines
-        self._frames = lines(path, rotation)
-        self._events = lines(events_path(path), rotation)
+
+        def lost(words: str) -> None:
+            tell(Event(SYSTEM_CLOCK.time(), LOG_LOST, words))
+
+        self._frames = lines(path, rotation, tell=lost)
+        self._events = lines(events_path(path), rotation, tell=lost)
 
     @property
     def failed(self) -> int:
         """Lines that could not be written."""
         return self._frames.failed + self._events.failed
+
+    @property
+    def fault(self) -> str:  # type: ignore[override]
+        """Why lines are not on the disk at present."""
+        return self._frames.fault or self._events.fault
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """A frame's line."""
@@ -114,6 +119,7 @@ class RunLog(Observer):
         if self._values:
             line["decision_values"] = json_values(judgement.decision_values)
         self._frames.write(line)
+        self._events.look()
 
     def heartbeat(self, report: Report) -> None:
         """A heartbeat's line."""
@@ -122,7 +128,10 @@ class RunLog(Observer):
 
     def event(self, event: Event) -> None:
         """An event's line."""
-        self._events.write(event_line(self._run, self._seq, event))
+        line = event_line(self._run, self._seq, event)
+        self._events.write(line)
+        if event.name in (START, MODEL):  # without which no frame is judged again
+            self._events.beginning[event.name] = line
 
     def close(self) -> None:
         """Close both files."""

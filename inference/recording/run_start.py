@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import uuid
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
@@ -12,7 +15,9 @@ import cv2
 import numpy as np
 
 from tokt.features.common.errors import ToktError, check_format, os_errors_as
+from tokt.features.common.held_files import file_bytes
 from tokt.features.kernels.dispatch import KERNELS
+from tokt.inference.clock import Clock
 from tokt.inference.config import NEAR, Limits, RunConfig
 
 FORMAT_VERSION = 1
@@ -37,9 +42,17 @@ class UsedFile:
 
 
 def used_file(path: Path) -> UsedFile:
-    """A file as it is now; ToktError if it cannot be read."""
+    """A file as the run reads it; ToktError if it cannot be read."""
     with os_errors_as(f"cannot read {path}"):
-        return UsedFile(str(path.absolute()), hashlib.sha256(path.read_bytes()).hexdigest())
+        return UsedFile(str(path.absolute()), hashlib.sha256(file_bytes(path)).hexdigest())
+
+
+def new_run_id(clock: Clock) -> str:
+    """A name for a run, such as ``run-20160420-101112-3fa2c1``: fit for a folder, and its own even
+    where the clock was set back.
+    """
+    moment = datetime.fromtimestamp(clock.time(), UTC)
+    return f"run-{moment:%Y%m%d-%H%M%S}-{uuid.uuid4().hex[:6]}"
 
 
 def software() -> dict[str, str]:
@@ -87,11 +100,13 @@ class RunStart:
     def of(cls, config: RunConfig, **found: Any) -> Self:
         """How a run of these options begins; `found` is what they do not say.
 
-        Raises ToktError if a file that it uses cannot be read.
+        A file that cannot be read any more is left out: a replay will miss it.
         """
         said, place = config.logged(), config.model.store or config.model.file
         for name in ("calibration", "odometry"):
-            said[name] = None if said[name] is None else used_file(said[name])
+            path, said[name] = said[name], None
+            with suppress(ToktError):
+                said[name] = None if path is None else used_file(path)
         if said["calibration"] is None:
             said |= {"stereo_way": None, "stereo_scale": None}
         said["record"] = None if said["record"] is None else str(said["record"])

@@ -7,6 +7,7 @@ came to is a row of docs/reference/faults.md, and the test fails where the two d
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import threading
@@ -20,6 +21,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import Limits, OutputConfig
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.links.autopilot import mavlink_dialect
@@ -39,6 +41,7 @@ from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer, ReportPublisher
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording import log as log_module
+from tokt.inference.recording.recorder import Recorder
 from tokt.inference.recording.run_log import RunLog
 from tokt.inference.report import Event
 from tokt.inference.sources.files import open_source
@@ -788,6 +791,72 @@ def test_a_disk_that_hangs_under_the_log(tmp_path, monkeypatch):
         log.close()
         assert log.failed == 4 and disk.read() == b""
     row("the log's disk hangs", finish(dive), "log failures +1 a line, after 1000")
+
+
+def cut_short(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def replace_file(path: Path) -> None:
+    (path.parent / "other").write_text("")
+    (path.parent / "other").replace(path)
+
+
+LOST_FILES = {
+    "the log's file is deleted": ("log.jsonl", Path.unlink, 2),
+    "the log's events are deleted": ("log.events.jsonl", Path.unlink, 1),
+    "the log's file is replaced": ("log.jsonl", replace_file, 2),
+    "the log's file is cut short": ("log.jsonl", cut_short, 2),
+    "the log's file is given another name": (
+        "log.jsonl",
+        lambda path: path.rename(path.with_name("old.jsonl")),
+        0,
+    ),
+    "the log's folder is deleted": ("", shutil.rmtree, 3),
+}
+
+
+@pytest.mark.parametrize("live", [False, True])
+@pytest.mark.parametrize("fault", LOST_FILES)
+def test_a_log_whose_file_is_taken_away_is_begun_anew(fault, live, tmp_path):
+    name, take_away, lost = LOST_FILES[fault]
+    folder, told = tmp_path / "logs", []
+    folder.mkdir()
+    log = RunLog(folder / "log.jsonl", "a-run", live=live, tell=told.append)
+    log.event(Event(1.0, "start", "it begins"))
+    dive = Dive(observers=[log])
+    with dive.fault_between():
+        written = [folder / "log.jsonl", folder / "log.events.jsonl"]
+        lines = [path.read_text().splitlines() for path in written]
+        assert [len(each) for each in lines] == [2, 1]
+        take_away(folder / name)
+        until(lambda: not live or told)  # live it is noticed though nothing is written
+    log.event(Event(2.0, "drift", "something else"))
+    outcome = finish(dive)
+    log.close()
+    assert {event.name for event in told} == {"log_lost"} and log.failed == lost
+    frames, events = ([json.loads(line) for line in path.open()] for path in written)
+    known = [line["seq"] for line in frames if "seq" in line]
+    assert known == ([1, 2, 3, 4] if lost == 1 else [3, 4])
+    counts = [line["lost_lines"] for line in (*frames, *events) if "lost_lines" in line]
+    assert sum(counts) == lost
+    assert [line["event"] for line in events if "event" in line] == ["start", "drift"]
+    row(fault, outcome, f"log failures +{lost}; event `log_lost`")
+
+
+def test_a_recording_whose_folder_is_deleted_begins_anew(tmp_path):
+    folder, told = tmp_path / "rec", []
+    recorder = Recorder(folder, "a-run", SYSTEM_CLOCK, 0, 0, 100.0, 0.0, tell=told.append)
+    dive = Dive(observers=[recorder])
+    with dive.fault_between():
+        until(lambda: recorder.writer.frames)
+        shutil.rmtree(folder)
+        until(lambda: (folder / ".recording.lock").exists())  # though nothing is recorded
+    outcome = finish(dive)
+    recorder.close()
+    assert list(folder.glob("a-run/Left/*.png"))
+    assert any("begins anew" in event.words for event in told)
+    row("the recording's folder is deleted", outcome, "event `recording` with the frames gone")
 
 
 def test_an_observer_that_hangs():

@@ -289,13 +289,16 @@ def test_numbers_that_come_again_are_left_out(sea):
 
 
 def test_a_recording_that_is_taken_away_begins_anew(sea, tmp_path):
-    at_sea = sea(around=(0, 0))
+    told: list[Event] = []
+    at_sea = sea(around=(0, 0), tell=told.append)
     at_sea.tell("start")
     at_sea.see(OBSTACLE, 3)
     at_sea.written(3)
     at_sea.folder.rename(tmp_path / "ashore")
+    until(lambda: at_sea.recorder._recording.taken == 3)  # though no frame is written
     at_sea.see(OBSTACLE, 3)
     assert at_sea.end() == [4, 5, 6]
+    assert [event.fields["taken"] for event in told if "taken" in event.fields] == [3]
     (tmp_path / "ashore").rename(tmp_path / "rec" / "run-0")
     assert check_whole(tmp_path / "rec" / "run-0") == [1, 2, 3]
     for run in ("run-0", "run-1"):

@@ -12,7 +12,8 @@ from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.log import LogRotation, read_log
-from tokt.inference.recording.run_log import RunLog, events_path, new_run_id
+from tokt.inference.recording.run_log import RunLog, events_path
+from tokt.inference.recording.run_start import new_run_id
 from tokt.inference.report import FIELDS, Event, Report
 from tokt.inference.runtime import Runtime
 from tokt.inference.sources.files import open_source
