@@ -337,6 +337,11 @@ class MonitoringConfig:
         None, "Record what the view shows as a video, .mp4.", "FILE", only=REAL_TIME
     )
     watchdog: bool = option(False, "Run supervised; restart on crash or hang.")
+    strict: bool = option(
+        True,
+        "Refuse to start without a source, a detector or a receiver. Otherwise unknown is sent, "
+        "with the reason, until they are there, as after each restart by the watchdog.",
+    )
     json: bool = option(False, "Print a summary as one JSON object at the end.")
 
 

@@ -4,9 +4,11 @@ Two threads publish: the loop its verdicts, and the heartbeat that there has bee
 such as while a detector hangs. One lock keeps their reports in order.
 """
 
+import json
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -19,8 +21,11 @@ from .clock import Clock
 from .config import Limits
 from .frame import Frame
 from .reason import Fault, Reason
-from .report import Event, Report
+from .report import HEALTH_BYTES, Event, Report
 from .verdict import CLEAR, OBSTACLE, Verdict, health_of, unknown_verdict
+
+TICK_S = 0.05
+"""Seconds between two looks at whether something has to be said."""
 
 _KEPT_HEARTBEATS = 1000
 
@@ -69,11 +74,23 @@ def mark_overloaded(verdict: Verdict, left_out: int) -> Verdict:
     return replace(verdict, health=health, reason=reason)
 
 
+def mark_parts(verdict: Verdict, words: Sequence[str]) -> Verdict:
+    """The same verdict, whose health names the parts of the run that are not at work.
+
+    In the first of the words for which there is room: what a replay compares is never cut short.
+    """
+    for health in (health_of(verdict.health, each) for each in words if each):
+        if len(json.dumps(health)) - 2 <= HEALTH_BYTES:
+            return replace(verdict, health=health)
+    return verdict
+
+
 @dataclass(eq=False)
 class ReportPublisher:
     """Number the reports and send each to every sender.
 
-    Only where frames come in real time, live, are they stale or late.
+    Only where frames come in real time, live, are they stale or late. `parts_health` gives the
+    parts of the run that are not at work: at length and in short words.
     """
 
     senders: Sequence[Sender]
@@ -81,6 +98,7 @@ class ReportPublisher:
     limits: Limits
     live: bool
     place: Callable[[], VehiclePlace] = VehiclePlace  # where the vehicle is
+    parts_health: Callable[[], Sequence[str]] = tuple
 
     def __post_init__(self) -> None:
         self._lock = threading.Lock()
@@ -106,6 +124,7 @@ class ReportPublisher:
             verdict = mark_overloaded(judgement.verdict, left_out)
             if self.live and age_s is not None:
                 verdict = mark_stale(verdict, age_s, judging_s, self.limits.stale_s)
+            verdict = mark_parts(verdict, self.parts_health())
             self._judging_since, self._judged_s = None, now
             latency_ms, age_ms = _ms(judging_s), _ms(age_s)
             told = frame.number, frame.t, latency_ms, verdict, age_ms, left_out, self.place()
@@ -121,9 +140,31 @@ class ReportPublisher:
             if frame is not None:
                 t, age_s = frame.t, None if frame.arrived is None else now - frame.arrived
             verdict = unknown_verdict(self._silence_fault(now))
+            parts = self.parts_health()
+            verdict = replace(verdict, health=health_of(verdict.health, *parts[:1]))
             age_ms, place = _ms(age_s), self.place()
             report = Report(self._seq + 1, None, t, None, verdict, age_ms, place=place)
             self._heartbeats.append(self._send(report, now))
+
+    @contextmanager
+    def heartbeat_thread(self) -> Iterator[Callable[[], bool]]:
+        """Let a thread say unknown where nothing is said for too long, in real time.
+
+        Gives what tells whether that thread is alive.
+        """
+        stopped = threading.Event()
+
+        def beat() -> None:
+            while not stopped.wait(TICK_S):
+                self.heartbeat()
+
+        thread = threading.Thread(target=beat, name="tokt heartbeat", daemon=True)
+        thread.start()
+        try:
+            yield thread.is_alive
+        finally:
+            stopped.set()
+            thread.join()
 
     def heartbeats(self) -> list[Report]:
         """Those since the last call, oldest first."""
@@ -159,6 +200,8 @@ class Observer:
     Each method does nothing here. An observer is quick, and never raises for what a disk or a
     network does.
     """
+
+    fault: str = ""  # why it does not do its work at present
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """A frame has its verdict; its pictures are not to be written to.

@@ -6,7 +6,7 @@ docs/explanation/failsafe.md has the states it can be in, and what each fault co
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -116,9 +116,6 @@ class LatestFrameBuffer:
 POLL_S = 0.1
 """Longest time in seconds that the loop waits for a frame before it looks for anything else."""
 
-TICK_S = 0.05
-"""Seconds between two looks at whether something has to be said."""
-
 
 @dataclass
 class Summary:
@@ -179,11 +176,12 @@ class Runtime:
     alive: Callable[[], None] = lambda: None
     place: Callable[[], VehiclePlace] = VehiclePlace
     masks: CameraMasks | None = None  # what is no view; None leaves what the source says
+    publisher: ReportPublisher | None = None  # one that has said something before the first frame
 
     def __post_init__(self) -> None:
         self._stuck_frames = StuckFrameDetector(self.limits)
         self._stale_frames = StaleFrameDetector(self.clock, self.limits)
-        self._publisher = ReportPublisher(
+        self._publisher = self.publisher or ReportPublisher(
             self.senders, self.clock, self.limits, self.source.live, self.place
         )
         self._heartbeat_alive: Callable[[], bool] = lambda: True
@@ -198,7 +196,10 @@ class Runtime:
         start = self.clock.monotonic()
         buffer = (LatestFrameBuffer if self.source.live else EveryFrame)(self.source)
         try:
-            with self._heartbeat_thread():
+            with ExitStack() as threads:
+                if self.source.live:
+                    thread = self._publisher.heartbeat_thread()
+                    self._heartbeat_alive = threads.enter_context(thread)
                 while not buffer.ended:
                     self._round(buffer, summary)
                     summary.seconds = self.clock.monotonic() - start
@@ -246,24 +247,3 @@ class Runtime:
             summary.heartbeats += 1
             for observer in self.observers:
                 observer.heartbeat(report)
-
-    @contextmanager
-    def _heartbeat_thread(self) -> Iterator[None]:
-        """Let a thread say unknown where the loop says nothing for too long, in real time."""
-        if not self.source.live:
-            yield
-            return
-        stopped = threading.Event()
-
-        def beat() -> None:
-            while not stopped.wait(TICK_S):
-                self._publisher.heartbeat()
-
-        thread = threading.Thread(target=beat, name="tokt heartbeat", daemon=True)
-        thread.start()
-        self._heartbeat_alive = thread.is_alive
-        try:
-            yield
-        finally:
-            stopped.set()
-            thread.join()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, os_errors_as
+from tokt.features.common.held_files import file_bytes
 
 SUFFIXES = frozenset(
     {".jpg", ".jpeg", ".jfif", ".png", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"}
@@ -159,7 +160,7 @@ def is_shown_alike(data: bytes) -> bool:
 def read_image(path: Path) -> U8:
     """Read and decode one file; FrameError if it cannot be read, or as `decode_image`."""
     with os_errors_as(str(path), FrameError):
-        data = path.read_bytes()
+        data = file_bytes(path)
     return decode_image(data, str(path))
 
 

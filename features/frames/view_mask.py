@@ -31,6 +31,7 @@ import numpy as np
 from tokt.features.common import atomic
 from tokt.features.common.arrays import F32, U8, Bools
 from tokt.features.common.errors import ToktError, check_format, naming, os_errors_as
+from tokt.features.common.held_files import file_bytes
 
 from .grid import DEFAULT_GRID, Grid
 from .image_file import SUFFIXES, read_image
@@ -343,7 +344,7 @@ def _read_one(text: str, learnt: Sequence[CameraMasks]) -> CameraMasks:
 def _read_file(path: Path) -> CameraMasks:
     with os_errors_as(f"cannot read {path}"), naming(path):
         try:
-            value = json.loads(path.read_text("utf-8"))
+            value = json.loads(file_bytes(path).decode("utf-8"))
         except ValueError:
             raise ToktError("it is no JSON") from None
         return CameraMasks.from_json(value)

@@ -6,48 +6,48 @@ which nothing is said.
 
 from __future__ import annotations
 
-import atexit
 import gc
 import signal
-import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from tokt.features.common.address import without_credentials
 from tokt.features.common.errors import ToktError, counted
+from tokt.features.common.held_files import changed_files
 from tokt.features.common.terminal import print_json, real_stderr, say, stop_on_signal
-from tokt.features.frames.mission import frame_size, parse_frames
-from tokt.features.frames.view_mask import CameraMasks, joined, parse_masks
+from tokt.features.frames.mission import frame_size
+from tokt.features.frames.view_mask import joined
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.config import RunConfig, SourceConfig, StereoConfig
-from tokt.inference.frame import Source
-from tokt.inference.links.vehicle import VehicleState
+from tokt.inference.config import RunConfig
 from tokt.inference.monitoring.status_line import StatusLine
 from tokt.inference.monitoring.watchdog import Notifier, restarts
-from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
-from tokt.inference.policy.object_naming import ObjectNaming
-from tokt.inference.policy.temporal_cues import Anchor
-from tokt.inference.publisher import Sender
+from tokt.inference.publisher import TICK_S, Sender
 from tokt.inference.reason import unknown_in_words
 from tokt.inference.recording.run_start import ModelName, RunStart, software
-from tokt.inference.report import Event, EventQueue
+from tokt.inference.report import START, Event
 from tokt.inference.runtime import Runtime, Summary
-from tokt.inference.sources.files import MissionSource, open_source
-from tokt.inference.sources.open import is_camera_source, open_camera_source
-from tokt.inference.sources.stream import StreamSource, is_stream_source
+from tokt.inference.sources.files import MissionSource
+from tokt.inference.sources.open import is_camera_source
+from tokt.inference.sources.stream import is_stream_source
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.sight import sight_to_json
 
-from .observers import open_observers
+from .judging_parts import late_parts, policy_part, source_part
+from .observer_parts import observer_parts, shadow_parts
 from .option_checks import check_options
-from .run_model import RunModel, open_model_watch
-from .senders import open_senders, read_nmea
+from .parts import DETECTOR, RECEIVER, SOURCE
+from .receiver_parts import receiver_parts
+from .run_model import ModelExchange, open_model_watch
+from .run_state import RunState
 
-_END_S = 1.0
-"""Seconds from the end of all work until the system ends the process, if it does not by itself."""
+if TYPE_CHECKING:
+    from tokt.inference.monitoring.reload import ModelReloader
+    from tokt.inference.recording.run_log import RunLog
+
+FILE_CHANGED = "file_changed"
+"""Event: a file that the run began with is another one now, or gone."""
 
 
 def _words(summary: Summary, senders: Iterable[Sender]) -> str:
@@ -92,156 +92,167 @@ def run(config: RunConfig) -> Summary:
     >>> tokt.run(tokt.RunConfig.of(options)).frames  # doctest: +SKIP
     246
     """
-    check_options(config)
-    events = EventQueue()
+    again = restarts() > 0
+    if not again:
+        check_options(config)
     with ExitStack() as opened:
-        pairs = _stereo(config)
-        source = _source(config, pairs, events, opened)
-        vehicle = VehicleState(SYSTEM_CLOCK)
-        senders = open_senders(config, pairs, vehicle, events, opened)
-        nmea_fault = read_nmea(config.source, vehicle, opened)
-        model = RunModel(config, lambda bundle: _masks(config.source, source, bundle))
-        size = config.policy.anchor
-        assembly = assemble(
-            *(config.policy.policy, model.loader, pairs, config.model.threads),
-            anchor=None if size is None else Anchor(size),
-            moving=config.policy.moving,
-        )
-        _check_pictures(config, model, source)
-        if assembly.texture is not None:
-            assembly.texture.note = model.note
-        naming = _naming(config, source, assembly)
-        looking = open_observers(
-            config, pairs, senders, source, events, opened, nmea_fault, naming, model.sight
-        )
-        for line in model.words():
-            say(line)
+        state = RunState(config, config.monitoring.strict and not again, opened)
+        run = _Run(state, opened.enter_context(closing(Notifier(SYSTEM_CLOCK))))
+        if state.strict:
+            run.put_together()
+        with stop_on_signal(state.stop) as signals:
+            if not state.strict:
+                run.put_together()
+            summary = run.to_its_end()
+            if not signals:  # a watchdog knows of its own, and starts again after anybody else's
+                run.notifier.stopping()
+        if signals:  # a watchdog asks, too, after a Ctrl-C: what ends is not to be cut off
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    log = state.looking.get("log")
+    summary.log_failures = 0 if log is None else cast("RunLog", log).failed
+    senders = state.senders.values()
+    for line in (_words(summary, senders), *unknown_in_words(state.counts.unknown)):
+        say(line)
+    if config.monitoring.json:
+        print_json(_as_json(config, state.model.bundle, summary))
+    return summary
+
+
+class _Run:
+    """Put a run together from its parts, and let it go on to its end."""
+
+    def __init__(self, state: RunState, notifier: Notifier) -> None:
+        self.notifier = notifier
+        self._state = state
+        self._watch: ModelReloader | None = None
+
+    def put_together(self) -> None:
+        """Open all parts; ToktError where a strict start lacks one that it requires.
+
+        Otherwise unknown is sent until there are a source and a detector.
+        """
+        state = self._state
+        for part in receiver_parts(state):
+            state.parts.add(part)
+        self._await(RECEIVER)
+        if state.strict:
+            self._add_what_judges()
+            self._add_observers()
+        else:
+            with state.publisher.heartbeat_thread():
+                self._add_observers()
+                self._show_status()
+                self._add_what_judges()
+
+    def _add_what_judges(self) -> None:
+        state = self._state
+        state.parts.add(source_part(state))
+        self._await(SOURCE)
+        state.parts.add(policy_part(state))
+        self._await(DETECTOR)
+        if state.strict:
+            _check_pictures(state)
+
+    def _add_observers(self) -> None:
+        state = self._state
+        for part in observer_parts(state):
+            state.parts.add(part)
+
+    def _show_status(self) -> None:
+        state = self._state
+        if state.status is not None:
+            return
         # Who writes to the terminal from now on writes across it.
         terminal = real_stderr()
         if terminal is not None and not terminal.isatty():
             terminal = None  # lines keep their order with those of others
-        status = StatusLine(looking.counts, SYSTEM_CLOCK, terminal, looking.recorder)
-        opened.callback(status.close)
-        looking.observers.append(status)
-        looking.drift.set_model(model.bundle)
-        watch = open_model_watch(config, model, assembly, looking.drift, opened)
-        looking.observers.extend([] if watch is None else [watch])
-        notifier = opened.enter_context(closing(Notifier(SYSTEM_CLOCK)))
+        state.status = StatusLine(state.counts, SYSTEM_CLOCK, terminal)
+        state.observe(state.status)
+        state.share()
 
-        def alive() -> None:
-            notifier.alive()
-            if notifier.dismissed:
-                source.stop()
+    def _await(self, kind: str) -> None:
+        """Wait until a part of a required kind is at work, or the run is stopped."""
+        state = self._state
+        while not (state.parts.has(kind) or state.stopped):
+            self.notifier.ready()
+            self._alive()
+            state.look_round()
+            SYSTEM_CLOCK.sleep(TICK_S)
 
-        masks = _masks(config.source, source, model.bundle)
-        _say_masks(masks, config.source, source, model.bundle)
-        runtime = Runtime(
-            *(source, assembly.policy, list(senders.values()), SYSTEM_CLOCK),
-            observers=looking.observers,
+    def _alive(self) -> None:
+        self.notifier.alive()
+        if self.notifier.dismissed:
+            self._state.stop()
+
+    def to_its_end(self) -> Summary:
+        """Judge all frames of the source; nothing where the run was stopped before the first."""
+        state = self._state
+        source, assembly = state.source, state.assembly
+        if source is None or assembly is None:
+            return Summary(heartbeats=state.heartbeats)
+        state.publisher.live = source.live
+        config, model = state.config, state.model
+        exchange = ModelExchange(model, assembly, state.drift, config.model.threads)
+        for part in (*late_parts(state, exchange), *shadow_parts(state)):
+            state.parts.add(part)
+        for line in model.words():
+            say(line)
+        _say_masks(state)
+        self._show_status()
+        state.drift.set_model(model.bundle)
+        if config.model.store is not None and assembly.texture is not None:
+            self._watch = open_model_watch(config.model.store, model, exchange, state.opened)
+            state.observers.append(self._watch)
+        for words in changed_files():
+            state.events.put(Event(SYSTEM_CLOCK.time(), FILE_CHANGED, words))
+        state.events.put(_start_event(state))
+        state.runtime = Runtime(
+            source=source,
+            policy=assembly.policy,
+            senders=state.all_senders,
+            clock=SYSTEM_CLOCK,
+            observers=state.observers,
             limits=config.limits,
-            events=events,
-            between=lambda: [*(() if watch is None else watch.exchange()), *naming.take()],
-            alive=alive,
-            place=vehicle.place,
-            masks=masks,
+            events=state.events,
+            between=self._between,
+            alive=self._alive,
+            masks=state.masks,
+            publisher=state.publisher,
         )
-        events.put(_start_event(config, model, source, masks))
         # What was made up to here stays: the collector need not go through it at sea.
         gc.freeze()
-        with stop_on_signal(source.stop) as signals:
-            notifier.ready()
-            summary = runtime.run()
-            if not signals:  # a watchdog knows of its own, and starts again after anybody else's
-                notifier.stopping()
-        if signals:  # a watchdog asks, too, after a Ctrl-C: what ends is not to be cut off
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    summary.log_failures = 0 if looking.log is None else looking.log.failed
-    for line in (_words(summary, senders.values()), *unknown_in_words(looking.counts.unknown)):
-        say(line)
-    if config.monitoring.json:
-        print_json(_as_json(config, model.bundle, summary))
-    return summary
+        self.notifier.ready()
+        summary = state.runtime.run()
+        summary.heartbeats += state.heartbeats
+        return summary
+
+    def _between(self) -> Sequence[Event]:
+        self._state.parts.join()
+        exchanged = () if self._watch is None else self._watch.exchange()
+        return [*exchanged, *self._state.naming.take()]
 
 
-def _naming(config: RunConfig, source: Source, assembly: Assembly) -> ObjectNaming:
-    """What takes the names of objects to hold, and holds the one that the options name."""
-    naming, text = ObjectNaming(assembly.policy, SYSTEM_CLOCK.time), config.policy.anchor_from
-    if text is not None:
-        mission = source.mission if isinstance(source, MissionSource) else None
-        naming.name_before(text, mission, config.source.pixel_format)
-    return naming
-
-
-def _stereo(config: RunConfig) -> StereoSetup | None:
-    """How pairs are looked at, or None without a calibration."""
-    wanted = config.stereo
-    if wanted.calibration is None:
-        if wanted != StereoConfig():
-            raise ToktError("stereo needs a calibration (--calibration FILE.yml)")
-        return None
-    from tokt.inference.stereo.calibration import read_calibration
-    from tokt.inference.stereo.odometry import load_odometry
-
-    poses = None if wanted.odometry is None else load_odometry(wanted.odometry)
-    calibration = read_calibration(wanted.calibration).usable(say)
-    return StereoSetup(calibration, wanted.stereo, wanted.stereo_scale, poses)
-
-
-def _source(
-    config: RunConfig, pairs: StereoSetup | None, events: EventQueue, opened: ExitStack
-) -> Source:
-    wanted = config.source
-    if is_stream_source(wanted.source):
-        return opened.enter_context(closing(StreamSource(wanted.source, SYSTEM_CLOCK)))
-    if not is_camera_source(wanted.source):
-        chosen = None if wanted.frames is None else parse_frames(wanted.frames)
-        read_right = pairs is not None
-        return open_source(
-            wanted.source, SYSTEM_CLOCK, chosen, wanted.rate, read_right, wanted.pixel_format
-        )
-    if sys.platform != "win32":
-        # As a program ends a vendor's library may wait for calls of its own, for ever.
-        atexit.register(signal.setitimer, signal.ITIMER_REAL, _END_S)
-    # Started again by the watchdog it had its cameras: one that is gone now is lost, no mistake.
-    wanted = replace(wanted, wait=wanted.wait or restarts() > 0)
-    source = open_camera_source(wanted, SYSTEM_CLOCK, events.put)
-    opened.callback(source.close)
-    return source
-
-
-def _masks(wanted: SourceConfig, source: Source, model: Bundle | None) -> CameraMasks:
-    """Find what is no view in a run; raise ToktError if the options cannot be meant."""
-    if wanted.mask is not None:
-        return parse_masks(wanted.mask, () if model is None else model.masks)
-    return _masks_beside(source)
-
-
-def _masks_beside(source: Source) -> CameraMasks:
-    return source.mission.masks if isinstance(source, MissionSource) else CameraMasks()
-
-
-def _say_masks(
-    masks: CameraMasks, wanted: SourceConfig, source: Source, model: Bundle | None
-) -> None:
+def _say_masks(state: RunState) -> None:
     """Say what is no view in a run, and where that is not what one would expect."""
-    beside = _masks_beside(source)
+    masks, beside, model = state.masks, state.masks_beside, state.model.bundle
     if masks:
         say(masks.words())
     if beside and masks != beside:
         say("note: the mask beside the frames is not used: --mask says another one")
-    if model is not None and model.masks and not masks and wanted.mask is None:
+    if model is not None and model.masks and not masks and state.config.source.mask is None:
         say(
             f"WARNING: model {model.label} learnt from pictures with a mask, and this run has "
             f"none ({joined(model.masks).words()}). Use it with --mask model, or say --mask none"
         )
 
 
-def _check_pictures(config: RunConfig, model: RunModel, source: Source) -> None:
+def _check_pictures(state: RunState) -> None:
     """Raise ToktError if a model cannot judge the pictures of a source.
 
     Or if recorded frames have another size than those that the options call sharp.
     """
-    if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
+    model, source = state.model, state.source
+    if state.config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
         label = model.bundle.label
         raise ToktError(f"model {label} looks at colours: not with --pixel-format Mono8")
     sight = model.sight
@@ -258,16 +269,17 @@ def _check_pictures(config: RunConfig, model: RunModel, source: Source) -> None:
         )
 
 
-def _start_event(config: RunConfig, model: RunModel, source: Source, masks: CameraMasks) -> Event:
+def _start_event(state: RunState) -> Event:
     """How the run begins, for the log."""
-    bundle, named = model.bundle, config.source.source
+    config, model, named = state.config, state.model, state.config.source.source
+    bundle, masks = model.bundle, state.masks
     is_kept = config.recording.log is not None or config.recording.record is not None
     is_path = not (is_camera_source(named) or is_stream_source(named))
     start = RunStart.of(
         config,
         # Whole paths: a replay begins somewhere else.
         source=str(Path(named).absolute()) if is_path else without_credentials(named),
-        live=source.live,
+        live=state.live,
         model=None if bundle is None else ModelName(bundle.label, bundle.sha256),
         model_fault=model.fault,
         model_note=model.note,
@@ -280,4 +292,4 @@ def _start_event(config: RunConfig, model: RunModel, source: Source, masks: Came
     words = f"tokt run on {without_credentials(named)}, policy {start.policy}"
     if again:
         words += f", started again by its watchdog ({again})"
-    return Event(SYSTEM_CLOCK.time(), "start", words, {**start.fields(), "restarts": again})
+    return Event(SYSTEM_CLOCK.time(), START, words, {**start.fields(), "restarts": again})

@@ -12,7 +12,6 @@ from tokt.features.frames.view_mask import CameraMasks
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import RunConfig
 from tokt.inference.monitoring.drift import DriftMonitor
-from tokt.inference.monitoring.watchdog import restarts
 from tokt.inference.policy.assembly import Assembly
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import Bundle, read_bundle
@@ -26,7 +25,9 @@ if TYPE_CHECKING:
 class RunModel:
     """The model a run begins with."""
 
-    def __init__(self, config: RunConfig, masks_of: Callable[[Bundle], CameraMasks]) -> None:
+    def __init__(
+        self, config: RunConfig, masks_of: Callable[[Bundle], CameraMasks], strict: bool
+    ) -> None:
         self.bundle: Bundle | None = None  # it, once loaded
         self.fault = ""  # why it could not be loaded
         self.notes: list[str] = []  # why it is not the store's active one
@@ -35,6 +36,7 @@ class RunModel:
         self.sight_fault = ""  # why it is empty
         self._wanted, self._pixel_format = config.model, config.source.pixel_format
         self._masks_of = masks_of  # what is no view in a run of a model
+        self._strict = strict
 
     def _measure_sight(self, place: Path, bundle: Bundle) -> None:
         # Imported where it is asked for: a runtime without is started sooner.
@@ -49,17 +51,18 @@ class RunModel:
                     mission, masks, self._pixel_format, accept_blind=blind
                 )
         except ToktError as error:
-            # Started again by its watchdog it still has to warn: only clear needs these frames.
-            if not restarts():
+            # A run that is started again still has to warn: only clear needs these frames.
+            if self._strict:
                 raise
             self.sight, self.sight_fault = (), f"--sharp-frames: {error}"
 
     @property
     def loader(self) -> Callable[[], Bundle] | None:
         """What loads it; None where none was asked for."""
-        return self._load if self._wanted.store or self._wanted.file else None
+        return self.load if self._wanted.store or self._wanted.file else None
 
-    def _load(self) -> Bundle:
+    def load(self) -> Bundle:
+        """Read the model; ToktError where it cannot guard a vehicle."""
         try:
             if file := self._wanted.file:
                 found = read_bundle(file)
@@ -79,7 +82,7 @@ class RunModel:
         except ToktError as error:
             self.fault = str(error)
             raise
-        self.bundle = running
+        self.bundle, self.fault = running, ""
         return self.bundle
 
     def check_sight(self, running: Bundle) -> None:
@@ -115,32 +118,44 @@ def _note_on(bundle: Bundle | None, *notes: str) -> str:
     return "; ".join(filter(None, (*notes, unmeasured)))
 
 
+class ModelExchange:
+    """Exchange the model of a run for another one, between two frames."""
+
+    def __init__(self, model: RunModel, assembly: Assembly, drift: DriftMonitor, threads: int):
+        self._model, self._assembly, self._drift = model, assembly, drift
+        self._threads = threads
+
+    def put(self, bundle: Bundle, note: str) -> None:
+        """Let a bundle judge from now on; `note` is what is not as it should be with it."""
+        slot = self._assembly.texture
+        assert slot is not None
+        running = self._model.as_it_runs(bundle)
+        detector = TextureDetector(running, self._threads, self._assembly.sight)
+        slot.put(detector, _note_on(running, note, self._model.sight_fault))
+        self._drift.set_model(bundle)
+
+    def misfit(self, bundle: Bundle, frame: Frame | None = None) -> str:
+        """Return why a bundle cannot judge in this run, or an empty string."""
+        try:
+            self._model.check_sight(self._model.as_it_runs(bundle))
+        except ToktError as error:
+            return str(error)
+        return self._assembly.misfit(bundle, frame)
+
+
 def open_model_watch(
-    config: RunConfig, model: RunModel, assembly: Assembly, drift: DriftMonitor, opened: ExitStack
-) -> ModelReloader | None:
-    """What goes over to a store's next model, where there is a store."""
-    slot = assembly.texture
-    if config.model.store is None or slot is None:
-        return None
+    store: Path, model: RunModel, exchange: ModelExchange, opened: ExitStack
+) -> ModelReloader:
+    """Begin to look at a store for its next model."""
     from tokt.inference.monitoring.reload import ModelReloader
     from tokt.models.store.store import Store
 
-    def put(bundle: Bundle, note: str) -> None:
-        wanted = config.model
-        running = model.as_it_runs(bundle)
-        detector = TextureDetector(running, wanted.threads, assembly.sight)
-        slot.put(detector, _note_on(running, note, model.sight_fault))
-        drift.set_model(bundle)
-
-    def misfit(bundle: Bundle, frame: Frame | None = None) -> str:
-        try:
-            model.check_sight(model.as_it_runs(bundle))
-        except ToktError as error:
-            return str(error)
-        return assembly.misfit(bundle, frame)
-
     watch = ModelReloader(
-        *(Store(config.model.store), model.bundle, misfit, put, SYSTEM_CLOCK),
+        store=Store(store),
+        running=model.bundle,
+        misfit=exchange.misfit,
+        put=exchange.put,
+        clock=SYSTEM_CLOCK,
         is_active=not model.notes,
     )
     watch.start()

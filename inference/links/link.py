@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 
 from tokt.features.common.address import parse_address, resolve
 from tokt.features.common.errors import ToktError, os_words
@@ -203,19 +204,25 @@ Link = UdpLink | StreamLink
 
 
 def open_link(text: str) -> Link:
-    """The link of a text such as ``udpout:192.168.2.2:14550``, ``/dev/ttyUSB0``, ``COM3:57600``.
+    """Open a link as `parse_link` reads it.
 
     A TCP server that is not there yet, or a serial port, is no error: it is tried again. Raises
-    ToktError if it is none, its host is not known, its port cannot be listened on, or pyserial
-    lacks.
+    ToktError if it is none, its host is not known, or its port cannot be listened on.
+    """
+    return parse_link(text)()
+
+
+def parse_link(text: str) -> Callable[[], Link]:
+    """Return what opens a link such as ``udpout:192.168.2.2:14550``, ``COM3:57600``.
+
+    Raises ToktError if the text names no link, or pyserial is missing.
     """
     kind, _, rest = text.strip().partition(":")
     if kind in ("udpout", "udpin"):
-        return UdpLink(*parse_address(rest), listening=kind == "udpin")
+        host, port = parse_address(rest)
+        return lambda: UdpLink(host, port, listening=kind == "udpin")
     if kind == "tcp":
-        address = parse_address(rest)
-        resolve(*address)
-        return StreamLink(lambda: _TcpChannel(*address))
+        return partial(_open_tcp, *parse_address(rest))
     match = _SERIAL.fullmatch(text.strip())
     if match is None:
         raise ToktError(f"not a link: {text!r} (write {_FORMS})")
@@ -227,4 +234,9 @@ def open_link(text: str) -> Link:
     except ImportError:
         wanted = "a serial port needs the extra 'mavlink'"
         raise ToktError(wanted) from None
-    return StreamLink(lambda: _SerialChannel(device, baud))
+    return lambda: StreamLink(lambda: _SerialChannel(device, baud))
+
+
+def _open_tcp(host: str, port: int) -> StreamLink:
+    resolve(host, port)
+    return StreamLink(lambda: _TcpChannel(host, port))

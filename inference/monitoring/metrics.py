@@ -21,7 +21,7 @@ from tokt.features.common.address import parse_address, resolve
 from tokt.features.common.errors import os_errors_as
 from tokt.features.common.extras import needed_by
 from tokt.inference.clock import Clock
-from tokt.inference.publisher import Sender
+from tokt.inference.publisher import Observer, Sender
 
 from .run_counts import BOUNDS_S, Histogram, RunCounts
 
@@ -58,6 +58,13 @@ def parse_metrics(text: str) -> tuple[str, int]:
     return parse_address(text if ":" in text else f"{LOOPBACK}:{text.strip()}")
 
 
+def check_metrics(text: str) -> None:
+    """Raise ToktError if the address is none, or prometheus-client is not installed."""
+    parse_metrics(text)
+    with needed_by("--metrics"):
+        import prometheus_client  # noqa: F401
+
+
 @dataclass(eq=False)
 class RunCollector:
     """Turn counts into metrics when asked: those of the run, and of its parts that count."""
@@ -69,10 +76,11 @@ class RunCollector:
     recorder: Recorder | None = None
     cameras: CameraSource | None = None
     drift: DriftMonitor | None = None
+    faults: Mapping[str, str] = field(default_factory=dict)  # of the run's parts, by their names
 
     def collect(self) -> Iterator[Metric]:
         """All metrics, as they are now, one after the other."""
-        said = (self._said(), self._state(), self._senders(), self._log())
+        said = (self._said(), self._state(), self._senders(), self._parts(), self._log())
         for metric in chain(*said, self._recorder(), self._cameras(), self._drift()):
             yield metric
             time.sleep(_BREATH_S)
@@ -114,11 +122,15 @@ class RunCollector:
         yield _gauge("start_time_seconds", words, counts.started_t)
 
     def _senders(self) -> Iterator[Metric]:
-        senders = self.senders.items()
+        senders = dict(self.senders).items()  # a copy: one more may join meanwhile
         sent = {name: sender.sent for name, sender in senders}
         failed = {name: sender.failed for name, sender in senders}
         yield _counter("datagrams_sent", "Datagrams the system took.", sent, "receiver")
         yield _counter("datagrams_failed", "Datagrams it refused.", failed, "receiver")
+
+    def _parts(self) -> Iterator[Metric]:
+        failing = dict.fromkeys(dict(self.faults), 1.0)
+        yield _gauge("part_failing", "A part of the run is not at work.", failing, "part")
 
     def _log(self) -> Iterator[Metric]:
         if self.log is not None:
@@ -192,7 +204,7 @@ _STOP_CHECK_S = 0.2
 _JOIN_S = 1.0
 
 
-class Metrics:
+class Metrics(Observer):
     """Serve a run's metrics until closed.
 
     One request at a time, each for a bounded silence of its client: whoever connects can keep other

@@ -1,5 +1,6 @@
 """Links that fail, told while the run goes on: receivers that are refused, a place that is lost."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 
 from tokt.inference.clock import Clock
@@ -23,8 +24,10 @@ class PlaceWatch(Observer):
     anything.
     """
 
-    def __init__(self, clock: Clock, tell: Callable[[Event], None], why: Callable[[], str]) -> None:
-        self._clock, self._tell, self._why = clock, tell, why
+    def __init__(
+        self, clock: Clock, tell: Callable[[Event], None], why: Callable[[], str] = str
+    ) -> None:
+        self._clock, self._tell, self.why = clock, tell, why
         self._known_s = clock.monotonic()
         self._lost = False
 
@@ -40,7 +43,7 @@ class PlaceWatch(Observer):
             self._lost = not self._lost
             name, words = "place_back", "the vehicle's place is known again"
             if self._lost:
-                parts = ["the vehicle's place is not known", self._why()]
+                parts = ["the vehicle's place is not known", self.why()]
                 name, words = "place_lost", ": ".join(filter(None, parts))
             self._tell(Event(self._clock.time(), name, words))
 
@@ -57,8 +60,9 @@ class ReceiverWatch(Observer):
         self._senders = senders
         self._clock = clock
         self._tell_event = tell
-        self._sent = dict.fromkeys(senders, 0)
-        self._failed = dict.fromkeys(senders, 0)  # up to when one last went out
+        # By receiver, of which one may be added at any time.
+        self._sent: Counter[str] = Counter()
+        self._failed: Counter[str] = Counter()  # up to when one last went out
         self._since: dict[str, float] = {}
         self._refused: set[str] = set()
 

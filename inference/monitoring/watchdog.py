@@ -5,27 +5,36 @@ What systemd does with docs/tokt.service, for a PC without systemd.
 
 import os
 import socket
+import struct
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 from typing import TextIO
 
 from tokt.features.common.errors import os_words
 from tokt.inference.clock import Clock
 
+if sys.platform == "win32":
+    import msvcrt
+
 SYSTEMD_VARIABLE = "NOTIFY_SOCKET"
 WATCHDOG_VARIABLE = "TOKT_WATCHDOG"
-"""``PORT:TOKEN:PID``: a port on loopback, what each datagram to it begins with, and whose it is."""
+"""The pipe by which the runtime tells its watchdog that it lives: an inherited file descriptor, on
+Windows a handle. Nobody else can write to it."""
+
+LENGTH = struct.Struct(">Q")
+"""Bytes of what the run began with, which follows on the runtime's standard input."""
 
 READY, ALIVE, STOPPING = b"READY=1", b"WATCHDOG=1", b"STOPPING=1"
-END = b"END=1"
-"""What the watchdog answers to have the process end, where there is no SIGTERM (Windows)."""
 
 EVERY_S = 0.2
 """Seconds between two signs of life, however fast the loop goes."""
+_STDIN, _PIECE_BYTES = 0, 4096
 
 
 def restarts() -> int:
@@ -37,39 +46,55 @@ class Notifier:
     """Signs of life of this process; none where nobody asked for them.
 
     The words are those of systemd's ``sd_notify`` (READY=1, WATCHDOG=1, STOPPING=1): one datagram
-    each to the socket that ``NOTIFY_SOCKET`` names, or, from ``tokt run --watchdog``, which runs
-    where there is no systemd as well, to a port on loopback.
+    each to the socket that ``NOTIFY_SOCKET`` names, or a line each to the pipe of
+    ``tokt run --watchdog``, which runs where there is no systemd as well.
+
+    `dismissed` becomes True where ``tokt run --watchdog`` started this process and wants it to end,
+    or has died: then standard input ends. Another process may have been started since, and two
+    loops would contradict each other.
     """
 
-    def __init__(self, clock: Clock, environ: Mapping[str, str] = os.environ) -> None:
+    def __init__(
+        self, clock: Clock, environ: Mapping[str, str] = os.environ, commands: int = _STDIN
+    ) -> None:
+        self.dismissed = False
         self._clock = clock
-        self._sockets: list[tuple[socket.socket, bytes]] = []
         self._alive_at: float | None = None
+        self._systemd: socket.socket | None = None
+        self._pipe: int | None = None
         path = environ.get(SYSTEMD_VARIABLE, "")
         if path and sys.platform != "win32":
             # A leading @ is a name in Linux's abstract namespace: sd_notify(3).
-            self._open(socket.AF_UNIX, "\0" + path[1:] if path.startswith("@") else path, b"")
-        port, _, rest = environ.get(WATCHDOG_VARIABLE, "").partition(":")
-        token, _, parent = rest.partition(":")
-        # On Windows a parent that has died goes on being named.
-        self._parent = int(parent) if parent.isdigit() and os.name == "posix" else None
-        if port.isdigit():
-            self._open(socket.AF_INET, ("127.0.0.1", int(port)), token.encode() + b" ")
+            self._open("\0" + path[1:] if path.startswith("@") else path)
+        pipe = environ.get(WATCHDOG_VARIABLE, "")
+        if pipe.isdigit():
+            self._pipe = _inherited(int(pipe))
+            threading.Thread(
+                target=self._await_end, args=(commands,), name="tokt watched", daemon=True
+            ).start()
 
-    def _open(self, family: int, address: str | tuple[str, int], start: bytes) -> None:
-        opened = socket.socket(family, socket.SOCK_DGRAM)
+    def _open(self, path: str) -> None:
+        opened = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         opened.setblocking(False)
         try:
-            opened.connect(address)
+            opened.connect(path)
         except OSError:
             opened.close()  # who asked has gone
         else:
-            self._sockets.append((opened, start))
+            self._systemd = opened
+
+    def _await_end(self, commands: int) -> None:
+        with suppress(OSError):
+            while os.read(commands, _PIECE_BYTES):
+                continue
+        self.dismissed = True
 
     def _tell(self, words: bytes) -> None:
-        for opened, start in self._sockets:
-            with suppress(OSError):  # who watches may have gone; the loop goes on
-                opened.send(start + words)
+        with suppress(OSError):  # who watches may have gone; the loop goes on
+            if self._systemd is not None:
+                self._systemd.send(words)
+            if self._pipe is not None:
+                os.write(self._pipe, words + b"\n")
 
     def ready(self) -> None:
         """Frames are being waited for."""
@@ -86,30 +111,34 @@ class Notifier:
         """The source has ended, and the loop with it: there is nothing to be started again for."""
         self._tell(STOPPING)
 
-    @property
-    def dismissed(self) -> bool:
-        """Whether ``tokt run --watchdog`` started this process and wants it to end, or has died.
-
-        Another one may have been started since, and two loops would contradict each other.
-        """
-        if self._parent is not None and os.getppid() != self._parent:
-            return True
-        return any(start and _says_end(opened, start) for opened, start in self._sockets)
-
     def close(self) -> None:
-        """Close the sockets."""
-        for opened, _ in self._sockets:
-            opened.close()
-        self._sockets.clear()
+        """Tell nothing more."""
+        if self._systemd is not None:
+            self._systemd.close()
+        if self._pipe is not None:
+            os.close(self._pipe)
+        self._systemd = self._pipe = None
 
 
-def _says_end(opened: socket.socket, start: bytes) -> bool:
+def _inherited(number: int) -> int | None:
+    """Take the pipe over that a parent named; None where there is none."""
     try:
-        return opened.recv(_MAX_DATAGRAM) == start + END
-    except BlockingIOError:
-        return False
-    except ConnectionError:
-        return True  # nobody listens any more
+        if sys.platform == "win32":
+            return msvcrt.open_osfhandle(number, os.O_WRONLY)
+        os.set_inheritable(number, False)
+        os.set_blocking(number, False)
+    except OSError:
+        return None
+    return number
+
+
+def _to_inherit(descriptor: int) -> int:
+    """Return what names a pipe in a child that inherits it."""
+    if sys.platform == "win32":
+        handle = msvcrt.get_osfhandle(descriptor)
+        os.set_handle_inheritable(handle, True)
+        return handle
+    return descriptor
 
 
 START_S, HANG_S, STOP_S = 60.0, 2.0, 5.0
@@ -123,7 +152,73 @@ RESTARTS_VARIABLE = "TOKT_RESTARTS"
 _FAILED, _USER_ERROR, _KILLED = 1, 2, -9
 _POLL_S = 0.02
 _MAX_PAUSE_S = 2.0
-_MAX_DATAGRAM = 65_535  # Windows raises where one is longer than what is asked for
+
+
+class _Life:
+    """One process of the runtime, and the two pipes to it."""
+
+    def __init__(
+        self, command: Sequence[str], restarts: int, beginning: bytes, stderr: TextIO | None
+    ) -> None:
+        self.signs: SimpleQueue[bytes] = SimpleQueue()  # what it tells, in its order
+        self._ended = threading.Event()
+        ours, theirs = os.pipe()
+        environ = {**os.environ, RESTARTS_VARIABLE: str(restarts)}
+        environ[WATCHDOG_VARIABLE] = str(_to_inherit(theirs))
+        environ.pop(SYSTEMD_VARIABLE, None)
+        windows = sys.platform == "win32"
+        try:
+            self.process = subprocess.Popen(
+                command,
+                env=environ,
+                stdin=subprocess.PIPE,
+                stderr=stderr,
+                pass_fds=() if windows else (theirs,),
+                close_fds=not windows,
+            )
+        except OSError:
+            os.close(ours)
+            raise
+        finally:
+            os.close(theirs)
+        # A runtime that hangs reads nothing and says nothing, and holds a thread each.
+        threading.Thread(target=self._read, args=(ours,), daemon=True).start()
+        threading.Thread(target=self._feed, args=(beginning,), daemon=True).start()
+
+    def _read(self, pipe: int) -> None:
+        with os.fdopen(pipe, "rb") as lines:
+            for line in lines:
+                self.signs.put(line.rstrip(b"\n"))
+
+    def _feed(self, beginning: bytes) -> None:
+        """Write what the run began with, and end the pipe when it is to end."""
+        assert self.process.stdin is not None
+        with suppress(OSError), self.process.stdin as pipe:
+            pipe.write(LENGTH.pack(len(beginning)) + beginning)
+            pipe.flush()
+            self._ended.wait()
+
+    def next_sign(self) -> bytes | None:
+        """Return what the runtime tells in the next moment, or None."""
+        try:
+            return self.signs.get(timeout=_POLL_S)
+        except Empty:
+            return None
+
+    def ask_to_end(self) -> None:
+        """Ask the runtime to end: at the end of its standard input, where there is no SIGTERM."""
+        self._ended.set()
+        if os.name == "posix":
+            self.process.terminate()
+
+    def kill(self) -> int:
+        """End the process, if it has not ended, and return its exit code."""
+        self.process.kill()
+        self._ended.set()
+        # One that the kernel holds, in a driver or a disk that hangs, dies when it is let go.
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(HANG_S)
+        return _KILLED if self.process.returncode is None else self.process.returncode
 
 
 @dataclass(eq=False)
@@ -134,13 +229,13 @@ class Watchdog:
     say: Callable[[str], None]  # given one line for people each time something happens
     notifier: Notifier  # passes the runtime's signs of life on
     stderr: TextIO | None = None  # the runtime's; by default this process's own
+    beginning: Callable[[], bytes] = bytes  # written to the runtime's standard input at each start
 
     def __post_init__(self) -> None:
         self.restarts = 0
         self._asked_to_stop = False
         self._was_ready = False
         self._finished = False
-        self._where: tuple[str, int] | None = None  # from which port the runtime speaks
 
     def stop(self) -> None:
         """End the runtime and then this; may be called from a signal handler."""
@@ -156,46 +251,31 @@ class Watchdog:
         wrote.
         """
         code = quick = 0
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as signs:
-            signs.bind(("127.0.0.1", 0))
-            signs.settimeout(_POLL_S)
-            while not self._asked_to_stop:
-                started = time.monotonic()
-                code, why = self._one_life(signs)
-                never_ready = code == _USER_ERROR and not self._was_ready
-                if self._asked_to_stop or self._finished or never_ready:
-                    break
-                lived_s = time.monotonic() - started
-                quick = 0 if lived_s > STEADY_S else quick + 1
-                self.restarts += 1
-                self.say(f"{why}; started again ({self.restarts})")
-                self._pause(quick)
+        while not self._asked_to_stop:
+            started = time.monotonic()
+            code, why = self._one_life()
+            never_ready = code == _USER_ERROR and not self._was_ready
+            if self._asked_to_stop or self._finished or never_ready:
+                break
+            lived_s = time.monotonic() - started
+            quick = 0 if lived_s > STEADY_S else quick + 1
+            self.restarts += 1
+            self.say(f"{why}; started again ({self.restarts})")
+            self._pause(quick)
         return max(code, 0)
 
-    def _one_life(self, signs: socket.socket) -> tuple[int, str]:
+    def _one_life(self) -> tuple[int, str]:
         """Run the command once; its exit code, and why it ended."""
-        # A new token each time: what the one before said last may still wait to be read.
-        import secrets
-
-        token, self._where = secrets.token_hex(8), None
         try:
-            child = self._start(f"{signs.getsockname()[1]}:{token}:{os.getpid()}")
+            life = _Life(self.command, self.restarts, self.beginning(), self.stderr)
         except OSError as error:  # such as no memory, for which the last one may have died
             return _FAILED, f"the runtime cannot be started: {os_words(error)}"
+        why = ""
         try:
-            why = self._watch(child, signs, token.encode() + b" ")
+            why = self._watch(life)
         finally:
-            child.kill()  # does nothing to one that has ended
-            # One that the kernel holds, in a driver or a disk that hangs, dies when it is let go.
-            with suppress(subprocess.TimeoutExpired):
-                child.wait(HANG_S)
-        return _KILLED if child.returncode is None else child.returncode, why
-
-    def _start(self, where: str) -> subprocess.Popen[bytes]:
-        environ = {**os.environ, WATCHDOG_VARIABLE: where, RESTARTS_VARIABLE: str(self.restarts)}
-        environ.pop(SYSTEMD_VARIABLE, None)
-        stdin, stderr = subprocess.DEVNULL, self.stderr
-        return subprocess.Popen(self.command, env=environ, stdin=stdin, stderr=stderr)
+            code = life.kill()
+        return code, why
 
     def _pause(self, quick: int) -> None:
         """None the first time, then longer ones for a runtime that cannot stay up."""
@@ -204,7 +284,7 @@ class Watchdog:
             while time.monotonic() < until and not self._asked_to_stop:
                 time.sleep(_POLL_S)
 
-    def _watch(self, child: subprocess.Popen[bytes], signs: socket.socket, token: bytes) -> str:
+    def _watch(self, life: _Life) -> str:
         """Wait until the runtime has ended, or is to be killed; why."""
         ready = False
         # Not the runtime's clock: this one, as both processes, stands still in a suspend.
@@ -213,10 +293,10 @@ class Watchdog:
         sign: bytes | None = None
         while not ended or sign is not None:
             # Looked at before the signs are: what it said last is heard.
-            ended = child.poll() is not None
-            sign = self._next_sign(signs, token)
+            ended = life.process.poll() is not None
+            sign = life.next_sign()
             if self._asked_to_stop and not asked:
-                self._ask_to_end(child, signs, token)
+                life.ask_to_end()
                 asked, until = True, time.monotonic() + STOP_S
             elif sign in (READY, ALIVE) and not asked:
                 ready = ready or sign == READY
@@ -228,7 +308,7 @@ class Watchdog:
             elif time.monotonic() > until and not ended:
                 what = "does not answer" if ready else "did not get ready"
                 return f"the runtime {what} and was killed"
-        code = child.returncode
+        code = life.process.returncode
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         return f"the runtime ended with {how}"
 
@@ -238,22 +318,3 @@ class Watchdog:
         elif not self._was_ready:
             self._was_ready = True
             self.notifier.ready()
-
-    def _next_sign(self, signs: socket.socket, token: bytes) -> bytes | None:
-        """What the runtime said in the next moment, empty for what somebody else did, or None."""
-        try:
-            data, where = signs.recvfrom(_MAX_DATAGRAM)
-        except (TimeoutError, ConnectionResetError):
-            return None  # the latter: Windows reports another socket's ICMP answer here
-        if not data.startswith(token):
-            return b""
-        self._where = where
-        return data.removeprefix(token)
-
-    def _ask_to_end(
-        self, child: subprocess.Popen[bytes], signs: socket.socket, token: bytes
-    ) -> None:
-        if self._where is not None:
-            signs.sendto(token + END, self._where)
-        if os.name == "posix" or self._where is None:  # elsewhere this kills
-            child.terminate()

@@ -49,10 +49,18 @@ _KEPT_FRAMES = 150  # at least 10 s, in which a box is drawn
 _ANY_ADDRESS = ("0.0.0.0", "::")
 
 
+def check_view(port: int | None, record: Path | None) -> None:
+    """Raise ToktError if the port is none, or the video no ``.mp4``, or PyAV is not installed."""
+    if port is not None and not 0 <= port <= 65535:
+        raise ToktError(f"--view is a port, 1 to 65535, not {port}")
+    if record is not None and record.suffix.lower() != ".mp4":
+        raise ToktError(f"--view-record writes an .mp4 file, not {record.name!r}")
+    if record is not None and find_spec("av") is None:
+        raise ToktError("--view-record needs the extra 'video'")
+
+
 def listening(host: str, port: int) -> socket.socket:
     """A socket that listens there; ToktError if the port is taken, or the address not ours."""
-    if not 0 <= port <= 65535:
-        raise ToktError(f"--view is a port, 1 to 65535, not {port}")
     family, address = resolve(host, port)
     with os_errors_as(f"the view cannot be served on {host}:{port}"):
         return socket.create_server(address[:2], family=family)
@@ -73,19 +81,15 @@ class LiveView(Observer):
     Raises ToktError if the video is no ``.mp4``, its file cannot be made, or PyAV is not installed.
     """
 
-    listener: socket.socket | None  # to serve on; closed by `close`. Without one `listen` is tried
+    listener: socket.socket | None  # to serve on; closed by `close`
     token: str | None  # that a request has to show
     record: Path | None  # of the video
     stale_s: float  # from which age on a frame is old
     tell: Callable[[Event], None]  # from another thread
     naming: ObjectNaming  # of the object to hold
-    listen: Callable[[], socket.socket] | None = None
 
     def __post_init__(self) -> None:
-        if self.record is not None and self.record.suffix.lower() != ".mp4":
-            raise ToktError(f"--view-record writes an .mp4 file, not {self.record.name!r}")
-        if self.record is not None and find_spec("av") is None:
-            raise ToktError("--view-record needs the extra 'video'")
+        check_view(None, self.record)
         self._part = None if self.record is None else new_video(self.record)
         # No lock: the loop would wait for whoever has it, should that be kept from the processor.
         self._newest: deque[ViewMoment] = deque(maxlen=1)
@@ -151,11 +155,6 @@ class LiveView(Observer):
 
     def _one_process(self) -> str:
         """Start it and pass moments on, until the run is over or it is; why it is."""
-        if self.listener is None and self.listen is not None:
-            try:
-                self.listener = self.listen()
-            except ToktError as error:
-                return str(error)
         spawning = multiprocessing.get_context("spawn")
         ours, theirs = spawning.Pipe()
         does = (theirs, self.listener, self.token, self._part, self.stale_s)

@@ -13,9 +13,10 @@ from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS, MOVING, NEAR
 from tokt.inference.frame import Frame
+from tokt.inference.reason import Reason
 from tokt.inference.sight import SightMeter, stereo_meter
 from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
-from tokt.inference.verdict import PUSHBROOM, Detector
+from tokt.inference.verdict import DISPARITY, PUSHBROOM, Detector
 
 from .moving import MovingThings
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy, guarded
@@ -75,7 +76,14 @@ class StereoSetup:
         return DisparityDetector(self.calibration, grid, *ways, sight=sight, threads=threads)
 
 
-@dataclass(frozen=True)
+class LateStereoDetector(ReloadableTextureDetector):
+    """The place of a stereo detector whose calibration is not there yet."""
+
+    method = DISPARITY
+    lacks, reason = "no calibration", Reason.DETECTOR_FAILED
+
+
+@dataclass(eq=False)
 class Assembly:
     """A policy, and the texture detector in it whose model can be exchanged."""
 
@@ -84,6 +92,17 @@ class Assembly:
     stereo: StereoSetup | None
     grid: Grid  # which disparity's mask is as wide as
     sight: SightMeter  # what all detectors read
+    late_stereo: LateStereoDetector | None = None  # in place of a calibration that is not there
+
+    def put_stereo(self, stereo: StereoSetup, threads: int) -> None:
+        """Let a calibration that was not there judge from now on.
+
+        Raises ToktError if its frames do not fit the model's.
+        """
+        if self.late_stereo is None:
+            return
+        self.late_stereo.put(stereo.detector(self.grid, self.sight, threads))
+        self.stereo, self.policy.blind_m = stereo, stereo.blind_m
 
     def misfit(self, model: Bundle, frame: Frame | None = None) -> str:
         """Why a model cannot take the place of the one there is, or an empty string.
@@ -92,6 +111,8 @@ class Assembly:
         """
         if self.texture is None:
             return "the policy uses no model"
+        if self.late_stereo is not None and self.stereo is None and model.grid != self.grid:
+            return "its grid is not that of the model that the run began with"
         if self.stereo is not None:
             width, height = self.stereo.calibration.frame_size
             if model.grid.resized(height, width) != self.grid.resized(height, width):
@@ -112,13 +133,18 @@ def assemble(
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
     anchor: Anchor | None = None,
     moving: str | None = NEAR,
+    stereo_fault: str = "",
+    alone: bool = False,
 ) -> Assembly:
     """Assemble the policy of that name.
 
-    `load_model` loads the model, or raises ToktError. Only policy ``fallback`` goes on when it
-    does, and only with a calibration: every verdict's health then says why there is no model.
-    `stereo` is what disparity needs, `anchor` what is to be held in the picture, and `stopwatch`
-    what lateness is measured with. Verdicts do not depend on `threads`, which share one frame's
+    `load_model` loads the model, or raises ToktError. Policy ``fallback`` goes on when it does,
+    with a calibration, and so does ``either`` where one detector `alone` is enough: every verdict's
+    health then says why there is no model. `stereo_fault` says why there is no calibration where
+    there should be one: these two policies go on without it, until `Assembly.put_stereo` adds it.
+    `stereo` is what disparity
+    needs, `anchor` what is to be held in the picture, and `stopwatch` what lateness is measured
+    with. Verdicts do not depend on `threads`, which share one frame's
     rows of patches, or a pair's two pictures.
 
     `moving` says which of the things that move by themselves are avoided: ``near``, ``all`` or
@@ -127,42 +153,52 @@ def assemble(
     Raises ToktError if the policy is not known, lacks its model or its calibration, or has no use
     for one, or there is not at least one thread.
     """
-    _check(name, load_model is not None, stereo is not None, threads)
+    late_stereo = LateStereoDetector(None, stereo_fault) if stereo_fault else None
+    check_policy(name, load_model is not None, bool(stereo or late_stereo), threads)
+    if late_stereo is not None and name == "disparity":
+        raise ToktError(stereo_fault)
     if moving not in (None, *MOVING):
         raise ToktError(f"unknown moving {moving!r} (choose from {', '.join(MOVING)})")
     model, fault = None, ""
     try:
         model = None if load_model is None else load_model()
     except ToktError as error:
-        if name != "fallback" or stereo is None:
+        if stereo is None or not (name == "fallback" or alone):
             raise
         fault = str(error)
     grid = DEFAULT_GRID if model is None else model.grid
-    sight = SightMeter() if stereo is None else stereo_meter()
-    disparity = None if stereo is None else stereo.detector(grid, sight, threads)
+    sight = stereo_meter() if stereo or late_stereo else SightMeter()
+    disparity: Detector | None = late_stereo
+    if stereo is not None:
+        disparity = stereo.detector(grid, sight, threads)
     blind_m = 0.0 if stereo is None else stereo.blind_m
     texture = ReloadableTextureDetector(
         None if model is None else TextureDetector(model, threads, sight), fault
     )
-    if name == "texture":
-        policy: Policy = SinglePolicy(texture)
-    elif disparity is None:
-        policy = SinglePolicy(texture, note="no fallback: there is no stereo calibration")
-    elif name == "disparity":
-        policy = SinglePolicy(disparity)
-    elif name == "either":
-        policy = EitherPolicy(texture, disparity)
-    else:
-        policy = FallbackPolicy(texture, disparity, stopwatch)
+    policy = _policy(name, texture, disparity, stopwatch)
     if moving is not None:
         policy = MovingThings(policy, moving, threads)
     reloadable = None if name == "disparity" else texture
     cues = TemporalCues(policy, reloadable, anchor, blind_m)
-    return Assembly(cues, reloadable, stereo, grid, sight)
+    return Assembly(cues, reloadable, stereo, grid, sight, late_stereo)
 
 
-def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:
-    """Refuse what a user cannot have meant."""
+def _policy(
+    name: str, texture: ReloadableTextureDetector, disparity: Detector | None, stopwatch: Stopwatch
+) -> Policy:
+    if name == "texture":
+        return SinglePolicy(texture)
+    if disparity is None:
+        return SinglePolicy(texture, note="no fallback: there is no stereo calibration")
+    if name == "disparity":
+        return SinglePolicy(disparity)
+    if name == "either":
+        return EitherPolicy(texture, disparity)
+    return FallbackPolicy(texture, disparity, stopwatch)
+
+
+def check_policy(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:
+    """Raise ToktError where a policy lacks its model or its calibration, or has no use for one."""
     if name not in POLICIES:
         raise ToktError(f"unknown policy {name!r} (choose from {', '.join(POLICIES)})")
     if threads < 1:

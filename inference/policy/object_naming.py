@@ -52,8 +52,9 @@ def named_picture(frame: int | str, mission: Mission | None, pixel_format: str |
 class ObjectNaming:
     """What a person names: learnt by any thread, held by the loop's from the next frame on."""
 
-    def __init__(self, cues: TemporalCues, time_s: Callable[[], float]) -> None:
-        self._cues, self._time_s = cues, time_s
+    def __init__(self, cues: TemporalCues | None, time_s: Callable[[], float]) -> None:
+        self.cues = cues  # of the policy; None until there is one
+        self._time_s = time_s
         self._waiting: deque[tuple[ObjectModel, Event]] = deque()
         self._misfit: ObjectTracker | None = None  # the last that frames did not fit, as was told
 
@@ -61,7 +62,7 @@ class ObjectNaming:
         """Learn what is in a box, in shares of a frame's sides; ToktError if it cannot be held."""
         told = {"frame": frame, "box": [*box], "mark": pixel_mark(detail)}
         event = Event(self._time_s(), NAMED, f"an object was named in frame {frame}", told)
-        model, anchor = ObjectModel(detail, box), self._cues.anchor
+        model, anchor = ObjectModel(detail, box), None if self.cues is None else self.cues.anchor
         if anchor is not None and abs(model.size_of(anchor.size)) > MAX_SIZE_ERROR:
             held = " to ".join(f"{model.share * part:.2g}" for part in (0.5, 2))
             raise ToktError(f"--anchor {anchor.size:g}: in this box the object is held at {held}")
@@ -76,12 +77,14 @@ class ObjectNaming:
 
     def take(self) -> list[Event]:
         """Hold what was named, between two frames; what there is to tell of it."""
-        events = []
+        events: list[Event] = []
+        if self.cues is None:
+            return events
         while self._waiting:
             model, event = self._waiting.popleft()
-            self._cues.tracker = ObjectTracker(model)
+            self.cues.tracker = ObjectTracker(model)
             events.append(event)
-        tracker = self._cues.tracker
+        tracker = self.cues.tracker
         if tracker is not None and tracker.misfit and tracker is not self._misfit:
             self._misfit = tracker
             words = "frames have another shape than the picture in which the object was named"

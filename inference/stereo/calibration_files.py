@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tokt.features.common.arrays import F64
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import ToktError, os_words
+from tokt.features.common.held_files import file_bytes
 
 FORMAT_VERSION = 1
 """Of the files that `calibration_writer` writes; those written before have no such key, and
@@ -135,10 +136,14 @@ def read_form(path: Path) -> tuple[str, str]:
     The text of a MATLAB file is empty. Raises ToktError if the file cannot be read, is too large,
     or is no text.
     """
-    if not path.is_file():
-        raise ToktError(f"calibration {path} does not exist")
-    with os_errors_as(f"calibration {path} cannot be read"), path.open("rb") as handle:
-        data = handle.read(_MAX_BYTES + 1)
+    if path.exists() and not path.is_file():
+        raise ToktError(f"calibration {path} is no file")
+    try:
+        data = file_bytes(path, at_most=_MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise ToktError(f"calibration {path} does not exist") from None
+    except OSError as error:
+        raise ToktError(f"calibration {path} cannot be read: {os_words(error)}") from None
     if data.startswith(_MATLAB_MAGIC) or path.suffix.lower() == ".mat":
         return MATLAB, ""
     if len(data) > _MAX_BYTES:

@@ -12,6 +12,7 @@ import numpy as np
 
 from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.held_files import file_bytes
 
 COLUMNS = ("frame", "t", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 UNIT_TOLERANCE = 1e-3
@@ -72,7 +73,7 @@ def load_odometry(path: Path | str) -> Odometry:
     """
     try:
         with os_errors_as(f"cannot read odometry {path}"):
-            text = Path(path).read_text("utf-8-sig")
+            text = file_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ToktError(f"odometry {path} is not a text file") from None
     return parse_odometry(text, str(path))

@@ -265,6 +265,7 @@ class ReloadableTextureDetector:
     """
 
     method = TEXTURE
+    lacks, reason = "no model", Reason.NO_MODEL
 
     def __init__(self, detector: Detector | None, why_none: str = "") -> None:
         self.detector = detector
@@ -278,8 +279,8 @@ class ReloadableTextureDetector:
     def detect(self, frame: Frame) -> Detection:
         """The held detector's answer; without one, that there is no model."""
         if self.detector is None:
-            words = f"no model: {self._why_none}"
-            return Detection(None, TEXTURE, fault=Fault(Reason.NO_MODEL, words))
+            fault = Fault(self.reason, f"{self.lacks}: {self._why_none}")
+            return Detection(None, self.method, fault=fault)
         found = self.detector.detect(frame)
         if not self.note:
             return found

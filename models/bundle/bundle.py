@@ -54,6 +54,7 @@ from numpy.typing import NDArray
 from tokt.features.common.arrays import F64, U8, U64, Bools
 from tokt.features.common.canonical import json_sha256, printable_json
 from tokt.features.common.errors import ToktError, check_format, os_errors_as
+from tokt.features.common.held_files import file_bytes
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.extractors.spec import build_extractor
 from tokt.features.extractors.textures import Extractor
@@ -767,9 +768,10 @@ def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle
 def bundle_file_bytes(path: Path | str) -> bytes:
     """The bytes of a bundle file. Raises ToktError if it is not there or far too large for one."""
     with os_errors_as(f"bundle {path}"):
-        if Path(path).stat().st_size > MAX_FILE_BYTES:
-            raise ToktError(f"bundle {path}: far too large for a bundle")
-        return Path(path).read_bytes()
+        data = file_bytes(path, at_most=MAX_FILE_BYTES + 1)
+    if len(data) > MAX_FILE_BYTES:
+        raise ToktError(f"bundle {path}: far too large for a bundle")
+    return data
 
 
 def read_bundle(path: Path | str) -> Bundle:

@@ -15,8 +15,8 @@ from tokt.inference.clock import SYSTEM_CLOCK, SYSTEM_STOPWATCH, Clock
 from tokt.inference.policy.assembly import Assembly, assemble
 from tokt.inference.policy.object_naming import ObjectNaming
 from tokt.inference.policy.temporal_cues import Anchor
-from tokt.inference.recording.run_log import RunLog, new_run_id
-from tokt.inference.recording.run_start import ModelName, RunStart, UsedFile
+from tokt.inference.recording.run_log import RunLog
+from tokt.inference.recording.run_start import ModelName, RunStart, UsedFile, new_run_id
 from tokt.inference.report import START, Event, EventQueue
 from tokt.inference.runtime import Runtime
 from tokt.inference.sources.files import MissionSource

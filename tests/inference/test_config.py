@@ -176,7 +176,7 @@ def test_options_of_a_file_that_would_do_nothing_are_refused(tmp_path):
     content = "[source]\nsource = 'dive'\n[outputs]\nheartbeat = 0.5\n"
     asked = ("run", "--config", written(tmp_path, content))
     refused("--heartbeat is for live cameras, or recorded", *asked)
-    refused("unknown source 'dive'", *asked, "--rate", "5")
+    refused("unknown source 'dive'", *asked, "--rate", "5", "--model", "waters")
 
 
 def test_a_start_says_every_option_that_verdicts_depend_on(tmp_path):

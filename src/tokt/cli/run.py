@@ -28,22 +28,26 @@ def run(
     **values: Any,
 ) -> None:
     """Judge every frame of a source and send the verdicts."""
-    written = {name: value for name, value in values.items() if is_written(context, name)}
-    asked = RunConfig.of({} if config is None else read_config(config), written)
+    from tokt.inference.assembly.held_run import take_over
+
+    options = take_over()
+    if options is None:
+        written = {name: value for name, value in values.items() if is_written(context, name)}
+        options = RunConfig.of({} if config is None else read_config(config), written)
     if print_config:
-        print(asked.to_toml(), end="")
+        print(options.to_toml(), end="")
         return
-    if not asked.source.source:
+    if not options.source.source:
         raise ToktError("Missing option '--source'.")
-    if asked.monitoring.watchdog:
-        raise typer.Exit(_watched(asked.source.source))
+    if options.monitoring.watchdog:
+        raise typer.Exit(_watched(options, config))
     # What is imported stays: going through it for garbage takes a thirtieth of a start.
     gc.disable()
     from tokt.inference.assembly.run import run as run_to_its_end
 
     gc.freeze()
     gc.enable()
-    run_to_its_end(asked)
+    run_to_its_end(options)
 
 
 def _options() -> list[Parameter]:
@@ -69,18 +73,25 @@ _named = [each for each in _own.parameters.values() if each.kind is not Paramete
 run.__signature__ = _own.replace(parameters=[*_named, *_options()])  # type: ignore[attr-defined]
 
 
-def _watched(source: str) -> int:
+def _watched(options: RunConfig, config_file: Path | None) -> int:
     """Run the same command under a watchdog; its exit code."""
+    from tokt.inference.assembly.held_run import HeldRun
     from tokt.inference.clock import SYSTEM_CLOCK
     from tokt.inference.monitoring.watchdog import Notifier, Watchdog
     from tokt.inference.sources.stream import is_stream_source
 
-    if is_stream_source(source):
+    if is_stream_source(options.source.source):
         raise ToktError("--watchdog is not for a stream, which may wait as long as it likes")
     # The last one wins, over a file as well.
     command = [sys.executable, "-P", "-m", "tokt", *sys.argv[1:], "--no-watchdog"]
     notifier = Notifier(SYSTEM_CLOCK)
-    dog = Watchdog(command, lambda line: say(f"watchdog: {line}"), notifier, real_stderr())
+    dog = Watchdog(
+        command=command,
+        say=lambda line: say(f"watchdog: {line}"),
+        notifier=notifier,
+        stderr=real_stderr(),
+        beginning=HeldRun.of(options, config_file).to_bytes,
+    )
     with stop_on_signal(dog.stop):
         return dog.run()
 

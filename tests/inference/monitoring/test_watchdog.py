@@ -6,14 +6,12 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 
-from tests.inference.live import bound_socket
 from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring import watchdog
@@ -21,16 +19,17 @@ from tokt.inference.monitoring.watchdog import EVERY_S, Notifier, Watchdog
 
 # What a runtime tells, without what makes it slow to start.
 CHILD = """
-import os, signal, socket, sys, time
+import os, signal, sys, time
 from pathlib import Path
-port, token, _ = os.environ["TOKT_WATCHDOG"].split(":")
-signs = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-tell = lambda words: signs.sendto(f"{token} {words}".encode(), ("127.0.0.1", int(port)))
+from tokt.inference.monitoring.watchdog import _inherited
+signs = _inherited(int(os.environ["TOKT_WATCHDOG"]))
+tell = lambda words: os.write(signs, words.encode() + b"\\n")
 with open(sys.argv[1], "a") as lives:
     lives.write(f"{os.getpid()} {os.environ['TOKT_RESTARTS']}\\n")
 said, go_on = Path(sys.argv[1] + ".said"), Path(sys.argv[1] + ".go_on")
 life = int(os.environ["TOKT_RESTARTS"])
 """
+BEGINNING = b"what the run began with"
 LOOP = "\nwhile True:\n    tell('WATCHDOG=1'); time.sleep(0.02)\n"
 
 
@@ -43,8 +42,10 @@ class Kept:
         self.said, self.go_on = folder / "lives.said", folder / "lives.go_on"
         self.clock = clock
         self.lines: list[str] = []
-        command = [sys.executable, "-S", "-c", CHILD + program, str(self.lives_file)]
-        self.dog = Watchdog(command, self.lines.append, Notifier(clock, {}))
+        command = [sys.executable, "-c", CHILD + program, str(self.lives_file)]
+        self.dog = Watchdog(
+            command, self.lines.append, Notifier(clock, {}), beginning=lambda: BEGINNING
+        )
         self.codes: list[int] = []
         self.thread = threading.Thread(
             target=lambda: self.codes.append(self.dog.run()), daemon=True
@@ -128,7 +129,7 @@ def test_one_that_never_gets_ready_is_killed_too(keep):
     kept.wait_for(2)
 
 
-BEHIND = "signs.sendto(b'hello', ('127.0.0.1', int(port))); tell('STOPPING=1')"
+BEHIND = "tell('hello'); tell('STOPPING=1')"
 """On a busy machine both wait to be read when the runtime has ended."""
 
 
@@ -169,7 +170,7 @@ def test_one_that_knows_no_sigterm_is_told_to_end(keep):
     """Windows has none: there it would kill, with a log half written."""
     kept = keep(
         "signal.signal(signal.SIGTERM, signal.SIG_IGN)\ntell('READY=1')\n"
-        "said.touch() if signs.recv(100) == f'{token} END=1'.encode() else None"
+        f"said.touch() if sys.stdin.read() == {BEGINNING.decode()!r} else None"
     )
     kept.wait_until_ready()
     kept.dog.stop()
@@ -178,13 +179,38 @@ def test_one_that_knows_no_sigterm_is_told_to_end(keep):
 
 
 def test_what_the_one_before_said_is_no_sign_of_the_next(keep):
-    late = "signs.sendto(f'{first} READY=1'.encode(), ('127.0.0.1', int(port)))"
-    token = "name = sys.argv[1] + '.token'\nif life == 0: open(name, 'w').write(token); sys.exit(1)"
-    kept = keep(f"{token}\nfirst = open(name).read()\n{late}\nsaid.touch()\ntime.sleep(600)")
+    """Even where a process that it left behind goes on in its name."""
+    left = "import os, time; time.sleep(1); os.write({signs}, b'READY=1\\n'); open({said!r}, 'w')"
+    begins = (
+        "if life == 0:\n    import subprocess\n"
+        f"    left = {left!r}.format(signs=signs, said=str(said))\n"
+        "    subprocess.Popen([sys.executable, '-S', '-c', left], pass_fds=(signs,))\n"
+        "    sys.exit(1)"
+    )
+    kept = keep(f"{begins}\ntime.sleep(600)")
     until(kept.said.exists)
     assert "did not get ready" in kept.lose_patience()
     assert "exit code 1" in kept.lines[0] and not kept.dog._was_ready
     kept.wait_for(3)
+
+
+def test_each_start_is_given_what_the_run_began_with(keep):
+    kept = keep(
+        "given = sys.stdin.buffer.read(23)\nopen(f'{said}{life}', 'wb').write(given)\n"
+        "if life == 0: sys.exit(1)\ntell('READY=1')" + LOOP
+    )
+    kept.wait_until_ready()
+    given = [Path(f"{kept.said}{life}").read_bytes() for life in (0, 1)]
+    assert given == [BEGINNING, BEGINNING]
+
+
+def test_a_runtime_that_reads_nothing_holds_no_watchdog(tmp_path, hand_clock, monkeypatch, keep):
+    """What it is to be given is more than a pipe takes."""
+    monkeypatch.setitem(globals(), "BEGINNING", bytes(1_000_000))
+    kept = keep("tell('READY=1')\nif life == 0: time.sleep(600)" + LOOP)
+    kept.wait_until_ready()
+    assert "does not answer and was killed" in kept.lose_patience()
+    kept.wait_for(2)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a script is a program on POSIX only")
@@ -213,25 +239,19 @@ def test_one_that_not_even_a_kill_ends_is_not_waited_for(monkeypatch, hand_clock
             raise subprocess.TimeoutExpired("tokt", timeout)
 
     starts: list[subprocess.Popen[bytes]] = []
+    real = subprocess.Popen
 
-    def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
-        kind = subprocess.Popen if starts else Held
-        starts.append(kind([sys.executable, "-S", "-c", "raise SystemExit(2)"]))
+    def start(command: list[str], **more: Any) -> subprocess.Popen[bytes]:
+        kind = real if starts else Held
+        starts.append(kind([sys.executable, "-S", "-c", "raise SystemExit(2)"], **more))
         return starts[-1]
 
     monkeypatch.setattr(watchdog, "time", hand_clock)
-    monkeypatch.setattr(Watchdog, "_start", start)
+    monkeypatch.setattr(watchdog.subprocess, "Popen", start)
     lines: list[str] = []
     assert Watchdog([], lines.append, Notifier(SYSTEM_CLOCK, {})).run() == 2
     assert lines == ["the runtime did not get ready and was killed; started again (1)"]
-    subprocess.Popen.wait(starts[0])
-
-
-def test_signs_of_others_are_none(keep):
-    kept = keep("token = 'guessed'\ntell('READY=1')\nsaid.touch()" + LOOP)
-    until(kept.said.exists)
-    assert "did not get ready" in kept.lose_patience()
-    kept.wait_for(2)
+    real.wait(starts[0])
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="systemd's socket is a unix one")
@@ -256,69 +276,63 @@ def test_systemd_hears_the_words_of_sd_notify(tmp_path, hand_clock, abstract):
 
 
 def test_without_anyone_to_tell_nothing_is_told(hand_clock):
-    for environ in ({}, {"NOTIFY_SOCKET": "/nowhere/at/all"}, {"TOKT_WATCHDOG": "no port"}):
+    for environ in ({}, {"NOTIFY_SOCKET": "/nowhere/at/all"}, {"TOKT_WATCHDOG": "no pipe"}):
         notifier = Notifier(hand_clock, environ)
         notifier.ready()
         notifier.alive()
         notifier.close()
 
 
-@pytest.mark.skipif(os.name != "posix", reason="who the parent is tells it on POSIX only")
-def test_a_runtime_whose_watchdog_died_while_it_started_knows_it(hand_clock):
-    for pid, dismissed in ((os.getppid(), False), (os.getpid(), True)):
-        notifier = Notifier(hand_clock, {"TOKT_WATCHDOG": f"9:x:{pid}"})
-        assert notifier.dismissed is dismissed
-        notifier.close()
+def test_a_runtime_knows_when_its_watchdog_ends_it_or_has_died(hand_clock):
+    """Either way its standard input ends."""
+    commands, watchdogs = os.pipe()
+    signs, theirs = os.pipe()
+    notifier = Notifier(hand_clock, {"TOKT_WATCHDOG": str(theirs)}, commands)
+    os.write(watchdogs, b"what the run began with")
+    notifier.ready()
+    assert os.read(signs, 100) == b"READY=1\n"
+    assert not notifier.dismissed
+    os.close(watchdogs)
+    until(lambda: notifier.dismissed)
+    os.close(signs)
+    notifier.stopping()  # nobody hears it
+    notifier.close()
+    os.close(commands)
 
 
-def test_a_runtime_that_is_told_to_end_or_that_nobody_hears_knows_it(hand_clock):
-    """What tells it where a parent that has died goes on being named (Windows)."""
-    with bound_socket() as heard:
-        port = heard.getsockname()[1]
-        with closing(Notifier(hand_clock, {"TOKT_WATCHDOG": f"{port}:x:"})) as notifier:
-            notifier.ready()
-            _, where = heard.recvfrom(100)
-            for words in (b"guessed END=1", b"x READY=1"):
-                heard.sendto(words, where)
-                assert not notifier.dismissed
-            heard.sendto(b"x END=1", where)
-            until(lambda: notifier.dismissed)
-            assert not notifier.dismissed
-            heard.close()
-
-            def noticed():
-                hand_clock.now += EVERY_S
-                notifier.alive()
-                return notifier.dismissed
-
-            until(noticed)
+def test_a_pipe_that_nobody_reads_holds_no_runtime(hand_clock):
+    commands, watchdogs = os.pipe()
+    signs, theirs = os.pipe()
+    notifier = Notifier(hand_clock, {"TOKT_WATCHDOG": str(theirs)}, commands)
+    for _ in range(20_000):  # more than the pipe takes
+        notifier.ready()
+    notifier.close()
+    for end in (commands, watchdogs, signs):
+        os.close(end)
 
 
 def test_a_runtime_whose_watchdog_has_died_knows_it():
-    program = """
-import os, subprocess, sys
-os.environ["TOKT_WATCHDOG"] = f"9:x:{os.getpid()}"
-subprocess.Popen([sys.executable, "-c", '''
-import sys, time
-from tests.waiting import MAX_S, until
+    """SIGKILL to the watchdog: the runtime that it started ends by itself."""
+    runtime = """
+import os, sys, time
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.monitoring import watchdog
 from tokt.inference.monitoring.watchdog import Notifier
 notifier = Notifier(SYSTEM_CLOCK)
-print(notifier.dismissed, flush=True)
-sys.stdin.read()
+notifier.ready()
+print(os.getpid(), flush=True)
 while not notifier.dismissed: time.sleep(0.01)
-print(notifier.dismissed, flush=True)
-'''], stdin=sys.stdin)
-sys.stdin.close()
-import time; time.sleep(60)
+print("ended", flush=True)
 """
-    parent = subprocess.Popen(
-        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    assert parent.stdout.readline() == b"False\n"
+    program = f"""
+import sys
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.monitoring.watchdog import Notifier, Watchdog
+Watchdog([sys.executable, "-c", {runtime!r}], print, Notifier(SYSTEM_CLOCK, {{}})).run()
+"""
+    parent = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE)
+    assert parent.stdout is not None
+    assert int(parent.stdout.readline()) != parent.pid
     parent.kill()
-    parent.stdin.close()
-    assert parent.stdout.readline() == b"True\n"
+    assert parent.stdout.readline() == b"ended\n"
     parent.stdout.close()
     parent.wait()

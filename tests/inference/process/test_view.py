@@ -24,7 +24,7 @@ from tests.tiers import scaled
 from tests.waiting import MAX_S, until
 from tokt.inference.config import Limits
 from tokt.inference.outputs import view as view_module
-from tokt.inference.outputs.view import LiveView, listening, view_url
+from tokt.inference.outputs.view import LiveView, check_view, listening, view_url
 from tokt.inference.outputs.view_server import MAX_CLIENTS
 from tokt.inference.outputs.view_video import new_video
 
@@ -382,7 +382,7 @@ def test_what_a_user_can_get_wrong(tmp_path, monkeypatch, make_mission, bundle_f
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         refuses(f"the view cannot be served on 127.0.0.1:{port}", listening, "127.0.0.1", port)
-    refuses("is a port", listening, "127.0.0.1", 70_000)
+    refuses("is a port", check_view, 70_000, None)
     refuses("cannot be found", listening, "no such host", 0)
     refuses("out.mp4 cannot be written: No such file", new_video, tmp_path / "none" / "out.mp4")
     made = (None, None, tmp_path / "out.avi", 0.5, None, None)
@@ -399,26 +399,6 @@ def test_a_wildcard_s_url_has_a_name(monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "rov")
     assert view_url("0.0.0.0", 8200, "t") == "http://rov:8200/?token=t"
     assert view_url("::1", 8200, None) == "http://[::1]:8200/"
-
-
-def test_a_port_that_is_taken_is_waited_for_where_verdicts_must_go_on(monkeypatch, tmp_path):
-    pytest.importorskip("av")
-    monkeypatch.setattr(view_module, "_PAUSE_S", 0.05)
-    told, tries = [], []
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-
-        def listen():
-            tries.append(port)
-            return listening("127.0.0.1", port)
-
-        record = tmp_path / "out.mp4"
-        view = LiveView(None, None, record, 0.5, told.append, None, listen)
-        until(lambda: len(tries) > 3)
-    until(lambda: ask(port, "/")[0] == 200)
-    assert [each.name for each in tmp_path.iterdir()] == ["out.mp4.part"]  # not one for each try
-    view.close()
-    assert [event.name for event in told] == ["view_lost"] and "in use" in told[0].words
 
 
 def test_a_run_shows_films_and_ends(make_mission, bundle_file, closed_port, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from scipy import stats
 from tests.load.report import WORST, Timing, percentiles
 from tokt.features.common.arrays import F64
 from tokt.inference.config import Limits
-from tokt.inference.runtime import TICK_S
+from tokt.inference.publisher import TICK_S
 
 from .attend import REFUSED, SWITCHED
 from .run import Run

@@ -1,0 +1,184 @@
+"""The parts of a run: each is opened, reported where that fails, tried again, and put to work.
+
+::
+
+    Parts.add ──> thread: open ──────────────────────> waits ──> Parts.join, between two frames
+                    │ fails: event, health, metrics      ^
+                    └──> pause 1, 2, 4, 5, 5 ... s ──────┘
+
+A run requires one part of each kind of `REQUIRED`: a source, a detector and a receiver. Every other
+part is optional, and so is a second receiver or a second detector: a run goes on without them.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from tokt.features.common.address import without_credentials
+from tokt.features.common.errors import ToktError, os_words
+from tokt.inference.clock import Clock
+from tokt.inference.config import OPTIONS
+from tokt.inference.report import Event
+from tokt.inference.verdict import WITHOUT
+
+SOURCE, DETECTOR, RECEIVER = REQUIRED = "source", "detector", "receiver"
+"""The kinds of parts of which a run needs one each."""
+
+PART_FAILED, PART_JOINED = "part_failed", "part_joined"
+"""Events: a part of the run cannot be opened, or fails; it is at work after it had failed."""
+
+FIRST_PAUSE_S, MAX_PAUSE_S = 1.0, 5.0
+"""Seconds until a part is opened again: at first, and at most after the pause has doubled."""
+PATIENCE_S = 1.0
+"""Seconds that a start waits for an optional part, such as a log on a disk that hangs."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of a run, and the option that asks for it."""
+
+    option: str  # name of a field of `RunConfig`, whose section describes the part
+    value: object  # of this option, or the one of its values that this part is for
+    open: Callable[[], Any]  # raises ToktError or OSError where the part cannot be opened
+    join: Callable[[Any], None]  # puts what `open` returned to work; called between two frames
+    kind: str = ""  # one of `REQUIRED`; empty for a part that is always optional
+    strict: bool = False  # whether a strict start ends where it fails: verdicts depend on it
+    fault: Callable[[], str] = str  # why a part that is at work fails at present, or ""
+
+    @property
+    def name(self) -> str:
+        """The name that people know it by: its option as on the command line."""
+        return without_credentials(f"--{OPTIONS[self.option].key} {self.value}")
+
+
+@dataclass
+class _Attempt:
+    """The first attempt to open a part."""
+
+    ended: threading.Event = field(default_factory=threading.Event)
+    error: Exception | None = None
+
+
+class Parts:
+    """Open the parts of a run, and put those that fail to work once they can be opened.
+
+    Parameters
+    ----------
+    clock : Clock
+        For the times of events.
+    tell : callable
+        Takes the events `PART_FAILED` and `PART_JOINED`, from any thread.
+    strict : bool
+        Whether a part that verdicts depend on, or a required one, has to be there at the start.
+
+    Attributes
+    ----------
+    faults : dict of str
+        By the part's name the reason why it is not at work. For any thread to read.
+    """
+
+    def __init__(self, clock: Clock, tell: Callable[[Event], None], strict: bool) -> None:
+        self.faults: dict[str, str] = {}
+        self._clock, self._tell, self._strict = clock, tell, strict
+        self._opened: deque[tuple[Part, Any]] = deque()
+        self._at_work: list[Part] = []
+        self._closing = threading.Event()
+
+    def add(self, part: Part) -> None:
+        """Open a part and put it to work, or have it tried again.
+
+        A strict start waits for a part that verdicts depend on, and raises its error. Any other
+        part is waited for `PATIENCE_S` seconds at most, and its error is reported.
+        """
+        ends_start = self._strict and part.strict
+        attempt = _Attempt()
+        threading.Thread(
+            target=self._keep_trying, args=(part, attempt), name="tokt part", daemon=True
+        ).start()
+        if not attempt.ended.wait(None if ends_start else PATIENCE_S):
+            self._fail(part, "it takes long to open")
+        if attempt.error is not None and ends_start:
+            raise attempt.error
+        self.join()
+
+    def _keep_trying(self, part: Part, attempt: _Attempt) -> None:
+        pause_s = FIRST_PAUSE_S
+        while not self._closing.is_set():
+            try:
+                opened = part.open()
+            # A defect in one part must cost this part alone, and never the run.
+            except Exception as error:  # noqa: BLE001 - raised again by `add` in a strict start
+                attempt.error = error
+                self._fail(part, _words(error))
+            else:
+                self._opened.append((part, opened))
+                attempt.ended.set()
+                return
+            attempt.ended.set()
+            self._closing.wait(pause_s)
+            pause_s = min(2 * pause_s, MAX_PAUSE_S)
+
+    def _fail(self, part: Part, words: str) -> None:
+        if self.faults.get(part.name) == words or self._closing.is_set():
+            return
+        self.faults[part.name] = words
+        fields = {"part": part.name}
+        told = f"--{OPTIONS[part.option].key} is not at work: {words}"
+        self._tell(Event(self._clock.time(), PART_FAILED, told, fields))
+
+    def join(self) -> None:
+        """Put what was opened meanwhile to work; for the loop's thread, between two frames."""
+        while self._opened:
+            part, opened = self._opened.popleft()
+            try:
+                part.join(opened)
+            except ToktError as error:
+                self._fail(part, str(error))
+                continue
+            self._at_work.append(part)
+            self._recover(part)
+        for part in self._at_work:
+            if words := part.fault():
+                self._fail(part, words)
+            elif part.name in self.faults:
+                self._recover(part)
+
+    def _recover(self, part: Part) -> None:
+        if self.faults.pop(part.name, None) is not None:
+            fields = {"part": part.name}
+            told = f"{part.name} is at work"
+            self._tell(Event(self._clock.time(), PART_JOINED, told, fields))
+
+    def has(self, kind: str) -> bool:
+        """Return whether a part of this kind is at work; ToktError if a strict start lacks it."""
+        if any(part.kind == kind for part in self._at_work):
+            return True
+        if self._strict:
+            raise ToktError("; ".join(self.faults.values()))
+        return False
+
+    @property
+    def health(self) -> tuple[str, str]:
+        """The parts that are not at work, for the health of every verdict: at length, and short."""
+        faults = [(name.partition(" ")[0], words) for name, words in list(self.faults.items())]
+        if not faults:
+            return "", ""
+        long = (f"{WITHOUT}{option}: {words}".replace("; ", ", ") for option, words in faults)
+        return "; ".join(long), WITHOUT + ", ".join(option for option, _ in faults)
+
+    def close(self) -> None:
+        """Open nothing any more."""
+        self._closing.set()
+
+
+def _words(error: Exception) -> str:
+    """Return why a part cannot be opened."""
+    if isinstance(error, ToktError):
+        return str(error)
+    if isinstance(error, OSError):
+        return os_words(error)
+    return str(ToktError(f"{type(error).__name__}: {error}"))
