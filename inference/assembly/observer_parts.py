@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from tokt.features.common.terminal import say
 from tokt.features.common.workspace import DEFAULT_WORKSPACE
 from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.monitoring.clock_watch import ClockWatch
 from tokt.inference.monitoring.fixed_marks_watch import FixedMarksWatch
 from tokt.inference.publisher import Observer
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 def observer_parts(state: RunState) -> Iterator[Part]:
     """Whoever looks on, in the order in which they are told."""
     state.observers.append(FixedMarksWatch(SYSTEM_CLOCK, state.events.put))
+    state.observers.append(ClockWatch(SYSTEM_CLOCK, state.events.put))
     openers: dict[str, Callable[[RunState], Observer]] = {
         "log": _open_log,
         "record": _open_recorder,

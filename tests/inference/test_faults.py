@@ -28,6 +28,7 @@ from tokt.inference.links.autopilot import mavlink_dialect
 from tokt.inference.links.datagrams import DatagramSocket
 from tokt.inference.links.link import open_link
 from tokt.inference.links.vehicle import VehicleState
+from tokt.inference.monitoring.clock_watch import ClockWatch
 from tokt.inference.monitoring.receivers import PlaceWatch, ReceiverWatch
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.outputs import view as view_module
@@ -1014,11 +1015,15 @@ class Shifted(HandClock):
 def test_a_clock_that_is_set(fault, by_s):
     clock = Shifted()
     dive = Dive(clock=clock)
+    dive.observers.append(ClockWatch(clock, dive.events.put))
     with dive.fault_between():
         clock.by_s = by_s
     ages = [report.age_ms for report in dive.listener.reports]
     assert all(age is not None and 0 <= age < 1000 for age in ages)
-    row(fault, finish(dive), "nothing")
+    outcome = finish(dive)
+    (event,) = outcome.events
+    assert (event.name, event.fields["by_s"]) == ("clock_set", by_s)
+    row(fault, outcome, "event `clock_set`")
 
 
 def test_the_source_dies():

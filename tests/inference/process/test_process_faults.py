@@ -322,6 +322,48 @@ def test_a_suspend_of_the_whole_process(launch, tmp_path):
     hold_row("the computer is suspended for 5 s", "unknown `stale`", "frames by reason: stale")
 
 
+STEPPED = """
+import time
+real = time.time
+def stepped():
+    try:
+        return real() + float(open({by!r}).read())
+    except (OSError, ValueError):
+        return real()
+time.time = stepped
+"""
+
+
+def test_a_time_of_day_that_is_set_back_and_forth(launch, tmp_path):
+    by, path = tmp_path / "by", os.pathsep.join([str(tmp_path), *sys.path])
+    (tmp_path / "sitecustomize.py").write_text(STEPPED.format(by=str(by)))
+    log, notify = tmp_path / "log.jsonl", str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(notify)
+        systemd.settimeout(MAX_S)
+        ship = launch("--log", log, env={**os.environ, "PYTHONPATH": path, "NOTIFY_SOCKET": notify})
+        ship.until(lambda one: one["status"] == 1)
+        runtime = ship.runtime()
+        for steps, by_s in enumerate((3600, -86_400, 0), 1):
+            by.write_text(str(by_s))
+            while ship.words().count("the time of day was set") < steps:
+                ship.next()
+            ship.until(lambda one: one["status"] == 1)
+            heard = systemd.recv(100)
+            while heard != b"WATCHDOG=1":
+                heard = systemd.recv(100)
+        assert ship.runtime() == runtime
+        ship.ends()
+    assert all(one["age_ms"] < 1000 for one in ship.said if one["model"])
+    seqs = [line["seq"] for line in lines(log)]
+    assert seqs == sorted(seqs)
+    hold_row(
+        "the time of day is set back and forth, under the watchdog and systemd's",
+        "as without it; signs of life go on",
+        "events `clock_set`",
+    )
+
+
 def test_a_signal_to_the_runtime_alone(ship):
     ship.until(lambda one: one["status"] == 1)
     for number in (signal.SIGTERM, signal.SIGINT):
