@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .atomic import write_text
-from .errors import ToktError
+from .errors import ToktError, UnavailableError
 
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
 """Host names of this computer in a Host header, for itself."""
@@ -49,7 +49,7 @@ def resolve(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
     try:
         found = socket.getaddrinfo(name, port, type=socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:
-        raise ToktError(f"host {host!r} cannot be found: {error}") from None
+        raise UnavailableError(f"host {host!r} cannot be found: {error}") from None
     family, _, _, _, address = min(found, key=lambda one: one[0] is not socket.AF_INET)
     return family, address
 

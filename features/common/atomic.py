@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from .errors import ToktError
+from .errors import UnavailableError
 
 ABANDONED_S = 24 * 3600.0
 """A partial file or folder that old has no writer any more."""
@@ -205,7 +205,7 @@ def locked(file: Path, wait_s: float) -> Iterator[None]:
                 break
             except (BlockingIOError, PermissionError):
                 if time.monotonic() > deadline:
-                    raise ToktError(
+                    raise UnavailableError(
                         f"{file.parent}: another tokt has been writing to it for {wait_s:g} s; "
                         "nothing was changed, try again"
                     ) from None

@@ -28,6 +28,10 @@ class ToktError(Exception):
         super().__init__(_cut(printable(" ".join(_cut(message).splitlines()))))
 
 
+class UnavailableError(ToktError):
+    """Something that the system refuses at present, such as a port; it may grant it later."""
+
+
 class FrameError(ToktError):
     """One frame cannot be read. A mission goes on without it; the runtime calls it unknown."""
 
@@ -53,7 +57,7 @@ def naming(where: object) -> Iterator[None]:
 
 
 @contextmanager
-def os_errors_as(what: str, kind: type[ToktError] = ToktError) -> Iterator[None]:
+def os_errors_as(what: str, kind: type[ToktError] = UnavailableError) -> Iterator[None]:
     """Turn what the system refuses into an error of one line: ``WHAT: No such file``."""
     try:
         yield

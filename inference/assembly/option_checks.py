@@ -46,7 +46,6 @@ def check_options(config: RunConfig) -> None:
         if each.only in useless:
             raise ToktError(f"--{each.key} is for {useless[each.only]}")
     _check_judging(config)
-    _check_optional(config)
 
 
 def _useless(config: RunConfig) -> dict[str, str]:
@@ -78,52 +77,6 @@ def _check_judging(config: RunConfig) -> None:
         has_calibration=config.stereo.calibration is not None,
         threads=config.model.threads,
     )
-
-
-def _check_optional(config: RunConfig) -> None:
-    """Refuse values that no log, recording, link, metrics, view or challenger can have."""
-    recording, monitoring = config.recording, config.monitoring
-    _check_links(config)
-    if recording.log is not None or config.model.shadow_log is not None:
-        from tokt.inference.recording.log import LogRotation
-
-        LogRotation(recording.log_max_mb, recording.log_keep)
-    if recording.record is not None:
-        from tokt.inference.recording.clip_trigger import ClipTrigger
-        from tokt.inference.recording.recording import DiskBudget
-
-        ClipTrigger(recording.record_before, recording.record_after)
-        DiskBudget(recording.record, recording.record_mb, reserve_mb=0.0)
-    if monitoring.metrics is not None:
-        from tokt.inference.monitoring.metrics import check_metrics
-
-        check_metrics(monitoring.metrics)
-    if monitoring.view is not None or monitoring.view_record is not None:
-        from tokt.inference.outputs.view import check_view
-
-        check_view(monitoring.view, monitoring.view_record)
-    if config.model.shadow is not None and config.policy.policy == "disparity":
-        raise ToktError("policy disparity uses no model: a challenger cannot differ (--shadow)")
-
-
-def _check_links(config: RunConfig) -> None:
-    """Refuse what names no link, a link that cannot be listened on, and MAVLink without a lens."""
-    links = [*filter(None, [config.source.nmea]), *(config.outputs.mavlink or [])]
-    if config.source.nmea is not None and config.source.nmea.strip().startswith("udpout:"):
-        raise ToktError("--nmea only listens: write udpin:HOST:PORT")
-    if links:
-        from tokt.inference.links.link import parse_link
-
-        for link in links:
-            parse_link(link)
-    if config.outputs.mavlink:
-        from tokt.inference.links.autopilot import mavlink_dialect
-        from tokt.inference.outputs.mavlink import check_mavlink, lens_of
-
-        mavlink_dialect()
-        check_mavlink(config.outputs)
-        if config.outputs.camera_fov_deg is not None or config.stereo.calibration is None:
-            lens_of(config.outputs.camera_fov_deg, None)
 
 
 def _check_told(config: RunConfig) -> None:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tokt.features.common.address import without_credentials
-from tokt.features.common.errors import ToktError, os_words
+from tokt.features.common.errors import ToktError, UnavailableError, os_words
 from tokt.inference.clock import Clock
 from tokt.inference.config import OPTIONS
 from tokt.inference.report import Event
@@ -92,17 +92,20 @@ class Parts:
         """Open a part and put it to work, or have it tried again.
 
         A strict start waits for a part that verdicts depend on, and raises its error. Any other
-        part is waited for `PATIENCE_S` seconds at most, and its error is reported.
+        part is waited for `PATIENCE_S` seconds at most. What the system refuses is reported, and
+        any other error, such as of an option's value, ends a strict start as well.
         """
-        ends_start = self._strict and part.strict
+        waits = self._strict and part.strict
         attempt = _Attempt()
         threading.Thread(
             target=self._keep_trying, args=(part, attempt), name="tokt part", daemon=True
         ).start()
-        if not attempt.ended.wait(None if ends_start else PATIENCE_S):
+        if not attempt.ended.wait(None if waits else PATIENCE_S):
             self._fail(part, "it takes long to open")
-        if attempt.error is not None and ends_start:
-            raise attempt.error
+        error = attempt.error
+        refused = isinstance(error, OSError | UnavailableError)
+        if self._strict and error is not None and (part.strict or not refused):
+            raise error
         self.join()
 
     def _keep_trying(self, part: Part, attempt: _Attempt) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
+from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring.receivers import PlaceWatch, ReceiverWatch
 from tokt.inference.outputs.udp import DEFAULT_RECEIVER, UdpSender, parse_receiver, version_of
@@ -59,10 +60,11 @@ def _open_udp(text: str, version: int) -> UdpSender:
 
 def _open_mavlink(state: RunState, text: str) -> MavlinkSender:
     from tokt.inference.links.link import open_link
-    from tokt.inference.outputs.mavlink import MavlinkSender, lens_of
+    from tokt.inference.outputs.mavlink import MavlinkSender, check_mavlink, lens_of
     from tokt.inference.stereo.calibration import load_calibration
 
     outputs, path = state.config.outputs, state.config.stereo.calibration
+    check_mavlink(outputs)
     angle_given = outputs.camera_fov_deg is not None
     calibration = None if path is None or angle_given else load_calibration(path)
     lens = lens_of(outputs.camera_fov_deg, calibration)
@@ -75,6 +77,8 @@ def _open_nmea(state: RunState, text: str) -> Link:
     from tokt.inference.links.link import open_link
     from tokt.inference.links.nmea import NmeaReader
 
+    if text.strip().startswith("udpout:"):
+        raise ToktError("--nmea only listens: write udpin:HOST:PORT")
     link = open_link(text)
     link.listen(NmeaReader(state.vehicle, state.config.source.nmea_dpt, link.whole).heard)
     return link

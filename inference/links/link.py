@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import closing
-from functools import partial
 
 from tokt.features.common.address import parse_address, resolve
 from tokt.features.common.errors import ToktError, os_words
@@ -204,25 +203,19 @@ Link = UdpLink | StreamLink
 
 
 def open_link(text: str) -> Link:
-    """Open a link as `parse_link` reads it.
+    """The link of a text such as ``udpout:192.168.2.2:14550``, ``/dev/ttyUSB0``, ``COM3:57600``.
 
     A TCP server that is not there yet, or a serial port, is no error: it is tried again. Raises
-    ToktError if it is none, its host is not known, or its port cannot be listened on.
-    """
-    return parse_link(text)()
-
-
-def parse_link(text: str) -> Callable[[], Link]:
-    """Return what opens a link such as ``udpout:192.168.2.2:14550``, ``COM3:57600``.
-
-    Raises ToktError if the text names no link, or pyserial is missing.
+    ToktError if it is none, its host is not known, its port cannot be listened on, or pyserial
+    lacks.
     """
     kind, _, rest = text.strip().partition(":")
     if kind in ("udpout", "udpin"):
-        host, port = parse_address(rest)
-        return lambda: UdpLink(host, port, listening=kind == "udpin")
+        return UdpLink(*parse_address(rest), listening=kind == "udpin")
     if kind == "tcp":
-        return partial(_open_tcp, *parse_address(rest))
+        address = parse_address(rest)
+        resolve(*address)
+        return StreamLink(lambda: _TcpChannel(*address))
     match = _SERIAL.fullmatch(text.strip())
     if match is None:
         raise ToktError(f"not a link: {text!r} (write {_FORMS})")
@@ -234,9 +227,4 @@ def parse_link(text: str) -> Callable[[], Link]:
     except ImportError:
         wanted = "a serial port needs the extra 'mavlink'"
         raise ToktError(wanted) from None
-    return lambda: StreamLink(lambda: _SerialChannel(device, baud))
-
-
-def _open_tcp(host: str, port: int) -> StreamLink:
-    resolve(host, port)
-    return StreamLink(lambda: _TcpChannel(host, port))
+    return StreamLink(lambda: _SerialChannel(device, baud))

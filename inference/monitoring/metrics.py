@@ -58,13 +58,6 @@ def parse_metrics(text: str) -> tuple[str, int]:
     return parse_address(text if ":" in text else f"{LOOPBACK}:{text.strip()}")
 
 
-def check_metrics(text: str) -> None:
-    """Raise ToktError if the address is none, or prometheus-client is not installed."""
-    parse_metrics(text)
-    with needed_by("--metrics"):
-        import prometheus_client  # noqa: F401
-
-
 @dataclass(eq=False)
 class RunCollector:
     """Turn counts into metrics when asked: those of the run, and of its parts that count."""

@@ -49,18 +49,10 @@ _KEPT_FRAMES = 150  # at least 10 s, in which a box is drawn
 _ANY_ADDRESS = ("0.0.0.0", "::")
 
 
-def check_view(port: int | None, record: Path | None) -> None:
-    """Raise ToktError if the port is none, or the video no ``.mp4``, or PyAV is not installed."""
-    if port is not None and not 0 <= port <= 65535:
-        raise ToktError(f"--view is a port, 1 to 65535, not {port}")
-    if record is not None and record.suffix.lower() != ".mp4":
-        raise ToktError(f"--view-record writes an .mp4 file, not {record.name!r}")
-    if record is not None and find_spec("av") is None:
-        raise ToktError("--view-record needs the extra 'video'")
-
-
 def listening(host: str, port: int) -> socket.socket:
     """A socket that listens there; ToktError if the port is taken, or the address not ours."""
+    if not 0 <= port <= 65535:
+        raise ToktError(f"--view is a port, 1 to 65535, not {port}")
     family, address = resolve(host, port)
     with os_errors_as(f"the view cannot be served on {host}:{port}"):
         return socket.create_server(address[:2], family=family)
@@ -89,7 +81,10 @@ class LiveView(Observer):
     naming: ObjectNaming  # of the object to hold
 
     def __post_init__(self) -> None:
-        check_view(None, self.record)
+        if self.record is not None and self.record.suffix.lower() != ".mp4":
+            raise ToktError(f"--view-record writes an .mp4 file, not {self.record.name!r}")
+        if self.record is not None and find_spec("av") is None:
+            raise ToktError("--view-record needs the extra 'video'")
         self._part = None if self.record is None else new_video(self.record)
         # No lock: the loop would wait for whoever has it, should that be kept from the processor.
         self._newest: deque[ViewMoment] = deque(maxlen=1)

@@ -24,7 +24,7 @@ from tests.tiers import scaled
 from tests.waiting import MAX_S, until
 from tokt.inference.config import Limits
 from tokt.inference.outputs import view as view_module
-from tokt.inference.outputs.view import LiveView, check_view, listening, view_url
+from tokt.inference.outputs.view import LiveView, listening, view_url
 from tokt.inference.outputs.view_server import MAX_CLIENTS
 from tokt.inference.outputs.view_video import new_video
 
@@ -382,7 +382,7 @@ def test_what_a_user_can_get_wrong(tmp_path, monkeypatch, make_mission, bundle_f
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         refuses(f"the view cannot be served on 127.0.0.1:{port}", listening, "127.0.0.1", port)
-    refuses("is a port", check_view, 70_000, None)
+    refuses("is a port", listening, "127.0.0.1", 70_000)
     refuses("cannot be found", listening, "no such host", 0)
     refuses("out.mp4 cannot be written: No such file", new_video, tmp_path / "none" / "out.mp4")
     made = (None, None, tmp_path / "out.avi", 0.5, None, None)
