@@ -188,7 +188,7 @@ class _Run:
         """Judge all frames of the source; nothing where the run was stopped before the first."""
         state = self._state
         source, assembly = state.source, state.assembly
-        if source is None or assembly is None:
+        if source is None or assembly is None or state.stopped:
             return Summary(heartbeats=state.heartbeats)
         state.publisher.live = source.live
         config, model = state.config, state.model
