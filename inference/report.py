@@ -175,10 +175,10 @@ MEANINGS = {
     "anchor_x": "of --anchor: the object's centre from the frame's, -1 to 1, right positive",
     "anchor_y": "of --anchor: the object's centre from the frame's, -1 to 1, down positive",
     "anchor_size": "of --anchor: ln of the wanted distance over the distance; positive too near",
-    "depth_m": "of the vehicle below the surface; null where not known, or older than 2 s",
-    "heading_deg": "of the vehicle, from north, clockwise; null where not known, or older than 2 s",
-    "lat_deg": "of the vehicle, north positive; null where not known, or older than 2 s",
-    "lon_deg": "of the vehicle, east positive; null where not known, or older than 2 s",
+    "depth_m": "of the vehicle below the surface; null where unknown, doubtful or 2 s old",
+    "heading_deg": "of the vehicle, clockwise from north; null where unknown, doubtful or 2 s old",
+    "lat_deg": "of the vehicle, north positive; null where unknown, doubtful or 2 s old",
+    "lon_deg": "of the vehicle, east positive; null where unknown, doubtful or 2 s old",
     "classes": "for each class seen but water the box around its patches, x0, y0, width, height, "
     "and its share of the mask. Null without a model of several classes. Obstacles come first, "
     "then the largest; what is beyond 500 bytes, or the datagram, is left out",

@@ -3,14 +3,15 @@
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from types import ModuleType
 from typing import Any
 
 from tokt.features.common.errors import ToktError
 
-from .datagrams import PEER_S
-from .vehicle import VehicleState
+from .datagrams import NOBODY, OTHER, OWN, PEER_S
+from .vehicle import AUTOPILOT_RANK, VehicleState
 
 AUTOPILOT = 1
 """The component (MAV_COMP_ID_AUTOPILOT1) that is believed."""
@@ -45,8 +46,8 @@ class MavlinkReader:
         self._parser = mavlink_dialect().MAVLink(None)
         self._parser.robust_parsing = True
 
-    def heard(self, data: bytes) -> bool:
-        """Take a piece in; whether a message ended in it."""
+    def heard(self, data: bytes, sender: str = "") -> int:
+        """Take a piece in; return the best of the senders of the messages that ended in it."""
         parser = self._parser
         messages = parser.parse_buffer(data) or []
         # What it has read it keeps, and a datagram's rest belongs to no other.
@@ -61,15 +62,17 @@ class MavlinkReader:
                 self.met += now - self._beats.get(source, -math.inf) > PEER_S
                 self._beats[source] = now
             if source == self._autopilot:
-                self._take(message)
+                self._take(message, sender)
             elif source == self._own and self._clashed is not None:
                 self._clashed()
                 self._clashed = None
-        return bool(known)
+        systems = {message.get_srcSystem() for message in known}
+        return OWN if self._own[0] in systems else OTHER if systems else NOBODY
 
-    def _take(self, message: Any) -> None:
+    def _take(self, message: Any, sender: str) -> None:
         """Keep its figures; NMEA's, which somebody asked for, have smaller ranks."""
-        kind, put = message.get_type(), self._vehicle.put
+        kind, put = message.get_type(), partial(self._vehicle.put, sender=sender)
+        put(AUTOPILOT_RANK)  # it speaks, though it may not say where it is
         if kind == "GLOBAL_POSITION_INT":
             put(2, depth_m=-message.relative_alt / 1000)
             put(2, heading_deg=message.hdg / 100)  # 65535, unknown, is no heading
@@ -82,4 +85,4 @@ class MavlinkReader:
             roll_deg, pitch_deg = math.degrees(message.roll), math.degrees(message.pitch)
             put(2, roll_deg=roll_deg, pitch_deg=pitch_deg)
         elif kind == "SYSTEM_TIME":
-            put(vehicle_t=message.time_unix_usec / 1e6)
+            put(2, vehicle_t=message.time_unix_usec / 1e6)

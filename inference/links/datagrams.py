@@ -11,13 +11,16 @@ from typing import Any
 from tokt.features.common.address import resolve
 from tokt.features.common.errors import ToktError, os_errors_as, os_words
 
-Heard = Callable[[bytes], bool]
-"""Given what came; whether it was understood."""
+NOBODY, OTHER, OWN = range(3)
+"""Senders of a datagram: it holds no message; another system; the system that is configured."""
+Heard = Callable[[bytes, str], int]
+"""Function of what came and its sender's name; returns `NOBODY`, `OTHER` or `OWN`."""
 READ_S = 0.2
 """Longest wait in seconds of a reading thread before it looks whether it is to end."""
 PEER_S = 10.0
 """Seconds of silence after which a peer is answered no more."""
-MAX_PEERS = 8
+PLACES = {OTHER: 8, OWN: 32}
+"""Peers that are answered. Others never take a place of the own system's."""
 _MAX_DATAGRAM = 2048
 _PACE_S = 0.001  # between two datagrams: a flood of them cannot take the loop's processor
 
@@ -70,7 +73,8 @@ class UdpLink(DatagramSocket):
     """``udpout:``: send there, and hear the answers. ``udpin:``: be `listening` there, and answer.
 
     `whole` tells that what is heard comes as whole messages; `gaps` grows where somebody new
-    listens, or messages were lost to who does.
+    listens, or messages were lost to who does. `full` has the kinds of peers whose `PLACES` have
+    all been taken.
     """
 
     whole = True
@@ -78,8 +82,9 @@ class UdpLink(DatagramSocket):
     def __init__(self, host: str, port: int, listening: bool = False) -> None:
         super().__init__(host, port, listening)
         self.gaps = 0
+        self.full: set[int] = set()
         self._listening = listening
-        self._peers: dict[Any, float] = {}
+        self._peers: dict[Any, tuple[int, float]] = {}  # kind, when heard; heard last stands last
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
@@ -102,23 +107,33 @@ class UdpLink(DatagramSocket):
             except OSError:  # Windows reports ICMP answers and what is too long here
                 self._closing.wait(READ_S)
                 continue
-            if heard(data):
-                self._spoke(sender)
+            if kind := heard(data, f"{sender[0]}:{sender[1]}"):
+                self._spoke(sender, kind)
             time.sleep(_PACE_S)
 
-    def _spoke(self, sender: Any) -> None:
+    def _spoke(self, sender: Any, kind: int) -> None:
         with self._lock:
-            is_new = sender not in self._peers
-            # Who speaks is never put out by those who come later, however many.
-            if not is_new or len(self._peers) < MAX_PEERS:
-                self.gaps += is_new
-                self._peers[sender] = time.monotonic()
+            known, _ = self._peers.pop(sender, (NOBODY, 0.0))
+            # Behind a router several systems share one socket: the best of them counts.
+            kind = max(kind, known)
+            alike = [peer for peer, (other, _) in self._peers.items() if other == kind]
+            if known != kind and len(alike) >= PLACES[kind]:
+                # Others are never put out by those who come later, however many. Of many that have
+                # the own system's number the vehicle is one that speaks often.
+                if kind == OTHER:
+                    return
+                del self._peers[alike[0]]
+            self.gaps += known == NOBODY
+            self._peers[sender] = kind, time.monotonic()
+            if len(alike) + 1 >= PLACES[kind]:
+                self.full.add(kind)
 
     def write(self, data: bytes) -> None:
         """Send one datagram to whom it is for, or count why not."""
         now = time.monotonic()
         with self._lock:
-            self._peers = {peer: at for peer, at in self._peers.items() if now - at <= PEER_S}
+            heard = self._peers.items()
+            self._peers = {peer: it for peer, it in heard if now - it[1] <= PEER_S}
             peers = list(self._peers) if self._listening else [self._address]
         if not peers:
             self.last_error = "nobody is heard there"

@@ -14,7 +14,7 @@ from contextlib import closing
 from tokt.features.common.address import parse_address, resolve
 from tokt.features.common.errors import ToktError, os_words
 
-from .datagrams import READ_S, Heard, UdpLink
+from .datagrams import NOBODY, READ_S, Heard, UdpLink
 
 STALL_S = 2.0
 """Seconds that the other end may take nothing before the link is opened anew."""
@@ -96,20 +96,23 @@ class StreamLink:
     """A link that is kept open; what cannot be sent is counted, and nobody waits for it.
 
     Nothing is kept for a link that is down, and little for one that is slow. `sent`, `failed` and
-    `last_error` are as of `DatagramSocket`, `gaps` and `whole` as of `UdpLink`.
+    `last_error` are as of `DatagramSocket`, `gaps`, `whole` and `full` as of `UdpLink`; `name` is
+    its only sender's.
     """
 
     whole = False
+    full: frozenset[int] = frozenset()
 
-    def __init__(self, connect: Callable[[], _Channel]) -> None:
+    def __init__(self, connect: Callable[[], _Channel], name: str) -> None:
         self.sent = self.failed = self.gaps = 0
         self.last_error = ""
+        self._name = name
         self._connect = connect  # OSError where it fails
         self._waiting: deque[bytes] = deque()
         self._changed = threading.Condition()
         self._channel: _Channel | None = None
         self._closing = False
-        self._heard: Heard = lambda data: False
+        self._heard: Heard = lambda data, sender: NOBODY
         self._thread = threading.Thread(target=self._keep, name="tokt link", daemon=True)
 
     def listen(self, heard: Heard) -> None:
@@ -191,7 +194,7 @@ class StreamLink:
         try:
             while self._channel is channel:
                 if data := channel.read():
-                    self._heard(data)
+                    self._heard(data, self._name)
                     time.sleep(_PACE_S)
         except OSError as error:
             self.last_error = os_words(error)
@@ -215,7 +218,7 @@ def open_link(text: str) -> Link:
     if kind == "tcp":
         address = parse_address(rest)
         resolve(*address)
-        return StreamLink(lambda: _TcpChannel(*address))
+        return StreamLink(lambda: _TcpChannel(*address), text)
     match = _SERIAL.fullmatch(text.strip())
     if match is None:
         raise ToktError(f"not a link: {text!r} (write {_FORMS})")
@@ -227,4 +230,4 @@ def open_link(text: str) -> Link:
     except ImportError:
         wanted = "a serial port needs the extra 'mavlink'"
         raise ToktError(wanted) from None
-    return StreamLink(lambda: _SerialChannel(device, baud))
+    return StreamLink(lambda: _SerialChannel(device, baud), text)

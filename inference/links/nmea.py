@@ -71,14 +71,14 @@ class NmeaReader:
         self._vehicle, self._dpt, self._whole = vehicle, dpt, whole
         self._rest = b""
 
-    def heard(self, data: bytes) -> bool:
+    def heard(self, data: bytes, sender: str = "") -> bool:
         """Take a piece in; whether a sentence ended in it."""
         *lines, self._rest = (self._rest + data + b"\n" * self._whole).split(b"\n")
         if len(self._rest) > MAX_LINE:
             self._rest = b""
-        return any([self._line(line) for line in lines if len(line) <= MAX_LINE])
+        return any([self._line(line, sender) for line in lines if len(line) <= MAX_LINE])
 
-    def _line(self, line: bytes) -> bool:
+    def _line(self, line: bytes, sender: str) -> bool:
         match = _SENTENCE.fullmatch(line)
         if match is None or reduce(xor, match[1]) != int(match[4], 16):
             return False
@@ -86,7 +86,7 @@ class NmeaReader:
         kind = name if name == "PRDID" else name[-3:]  # without who talks
         try:
             for rank, figures in _figures(kind, fields) if kind != "DPT" or self._dpt else ():
-                self._vehicle.put(rank, **figures)
+                self._vehicle.put(rank, sender, **figures)
         except (ValueError, IndexError, KeyError, TypeError):
             return False
         return True

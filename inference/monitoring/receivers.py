@@ -18,10 +18,10 @@ LOST_S = 5.0
 
 
 class PlaceWatch(Observer):
-    """Tell when the vehicle's place is not known, and when it is again.
+    """Tell when the vehicle's place is doubtful or not known, and when it is known again.
 
-    The events are ``place_lost`` and ``place_back``; `why` gives what its link complains of, if
-    anything.
+    The events are ``place_doubtful``, ``place_lost`` and ``place_back``; `why` gives what its link
+    complains of, if anything.
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class PlaceWatch(Observer):
     ) -> None:
         self._clock, self._tell, self.why = clock, tell, why
         self._known_s = clock.monotonic()
-        self._lost = False
+        self._state = "place_back"
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Look at its place."""
@@ -37,15 +37,20 @@ class PlaceWatch(Observer):
 
     def heartbeat(self, report: Report) -> None:
         """Look at its place."""
-        now, is_known = self._clock.monotonic(), report.place.age_ms is not None
-        self._known_s = now if is_known else self._known_s
-        if is_known if self._lost else now - self._known_s >= LOST_S:
-            self._lost = not self._lost
-            name, words = "place_back", "the vehicle's place is known again"
-            if self._lost:
-                parts = ["the vehicle's place is not known", self.why()]
-                name, words = "place_lost", ": ".join(filter(None, parts))
-            self._tell(Event(self._clock.time(), name, words))
+        now, place, state = self._clock.monotonic(), report.place, self._state
+        if place.doubt or place.age_ms is not None:
+            self._known_s = now
+            state = "place_doubtful" if place.doubt else "place_back"
+        elif now - self._known_s >= LOST_S:
+            state = "place_lost"
+        if state != self._state:
+            self._state = state
+            parts = {
+                "place_back": ["the vehicle's place is known again"],
+                "place_doubtful": ["the vehicle's place is doubtful", place.doubt],
+                "place_lost": ["the vehicle's place is not known", self.why()],
+            }[state]
+            self._tell(Event(self._clock.time(), state, ": ".join(filter(None, parts))))
 
 
 class ReceiverWatch(Observer):

@@ -21,6 +21,8 @@ BOUNDS_S = (
 )
 """Upper bounds of a histogram's buckets in seconds; a frame is stale at 0.5."""
 
+_WARNINGS = ("camera_lost", "receiver_refused", "place_lost", "place_doubtful", "drift")
+
 
 class Histogram:
     """A histogram of durations: a count for each of `BOUNDS_S`, and one for what is beyond."""
@@ -85,7 +87,7 @@ class RunCounts(Observer):
             self.model = ModelName(model["label"], model["sha256"]) if model else None
         kind = event.name.partition("_")[0]
         what = f"{kind} {event.fields.get(kind, '')}"
-        if event.name in ("camera_lost", "receiver_refused", "place_lost", "drift"):
+        if event.name in _WARNINGS:
             self.warnings[what] = event.words
         elif event.name in ("camera_back", "receiver_back", "place_back", "drift_over"):
             self.warnings.pop(what, None)

@@ -16,6 +16,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
 from tokt.inference.config import OPTIONS, OutputConfig
 from tokt.inference.links.autopilot import AUTOPILOT, MavlinkReader, mavlink_dialect
+from tokt.inference.links.datagrams import OTHER, PLACES
 from tokt.inference.links.link import Link
 from tokt.inference.links.vehicle import VehicleState
 from tokt.inference.reason import Reason
@@ -178,7 +179,7 @@ class MavlinkSender:
     A heartbeat goes out with the first report a second after the one before, CRITICAL where that is
     unknown, such as while the loop hangs. The lens is the left camera's, in water; `wanted` has
     passed `check_mavlink`; `vehicle` is told what the autopilot says of itself; `tell` is given the
-    event ``mavlink_clash``. ToktError without pymavlink.
+    events ``mavlink_clash`` and ``mavlink_strangers``. ToktError without pymavlink.
     """
 
     # Messages that the system took, those that it did not, and why not the last of these.
@@ -209,6 +210,7 @@ class MavlinkSender:
         self._pilot_words = PilotWords()
         self._reader = MavlinkReader(ids, link.whole, vehicle, self._clashed)
         self._gaps = link.gaps
+        self._full: set[int] = set()
         link.listen(self._reader.heard)
 
     def close(self) -> None:
@@ -222,6 +224,15 @@ class MavlinkSender:
         words = f"another MAVLink sender is {ids}, too: {advice}"
         self._tell(Event(self._clock.time(), "mavlink_clash", words))
 
+    def _tell_strangers(self) -> None:
+        """Tell once of each kind of peers that is full."""
+        for kind in self._to.full - self._full:
+            self._full.add(kind)
+            which = "systems other than " if kind == OTHER else ""
+            rule = "no more are answered" if kind == OTHER else "the last ones heard are answered"
+            words = f"{PLACES[kind]} senders of {which}system {self._wanted.mavlink_system}: {rule}"
+            self._tell(Event(self._clock.time(), "mavlink_strangers", f"MAVLink has {words}"))
+
     def send(self, report: Report) -> None:
         """Send what a report comes to in distances, words and figures, and a heartbeat when due."""
         verdict, now = report.verdict, self._clock.monotonic()
@@ -232,6 +243,7 @@ class MavlinkSender:
         if now >= self._values_due or verdict.status != self._values_status:
             self._values_due, self._values_status = now + VALUES_S, verdict.status
             self._send_values(verdict, now)
+        self._tell_strangers()
         if (gaps := self._to.gaps + self._reader.met) != self._gaps:
             self._gaps = gaps
             self._pilot_words.tell_again()

@@ -1,5 +1,6 @@
 """Links over real sockets and a pseudo-terminal: nobody waits, and what breaks is opened again."""
 
+import math
 import os
 import select
 import shutil
@@ -8,7 +9,7 @@ import struct
 import subprocess
 import sys
 import threading
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import pytest
 
@@ -17,6 +18,7 @@ from tests.inference.live import bound_socket
 from tests.waiting import MAX_S, until
 from tokt.inference.links import datagrams
 from tokt.inference.links import link as streams
+from tokt.inference.links.datagrams import NOBODY, OTHER, OWN, PLACES
 from tokt.inference.links.link import open_link
 
 
@@ -26,9 +28,9 @@ class Heard:
     def __init__(self):
         self.data = b""
 
-    def __call__(self, data):
+    def __call__(self, data, sender):
         self.data += data
-        return data.startswith(b"hello")
+        return OWN if data.startswith(b"own") else OTHER if data.startswith(b"hello") else NOBODY
 
 
 @contextmanager
@@ -129,7 +131,7 @@ def test_udpin_answers_whom_it_has_heard(closed_port, monkeypatch):
 
 def test_udpin_answers_a_few_and_nobody_puts_them_out(closed_port):
     here = ("127.0.0.1", closed_port)
-    peers = [bound_socket() for _ in range(datagrams.MAX_PEERS)]
+    peers = [bound_socket() for _ in range(PLACES[OTHER])]
     with opened(f"udpin:127.0.0.1:{closed_port}") as (link, heard):
         for number, peer in enumerate(peers, 1):
             peer.sendto(b"hello", here)
@@ -139,10 +141,54 @@ def test_udpin_answers_a_few_and_nobody_puts_them_out(closed_port):
                 late.sendto(b"hello late", here)
         until(lambda: heard.data.count(b"late") == 20)
         link.write(b"verdict")
-        assert [peer.recv(100) for peer in peers] == [b"verdict"] * datagrams.MAX_PEERS
-        assert link.gaps == len(link._peers) == datagrams.MAX_PEERS
+        assert [peer.recv(100) for peer in peers] == [b"verdict"] * PLACES[OTHER]
+        assert link.gaps == len(link._peers) == PLACES[OTHER]
+        assert link.full == {OTHER}
     for peer in peers:
         peer.close()
+
+
+def test_udpin_always_has_a_place_for_its_own_system(closed_port, monkeypatch):
+    """Behind a router other systems speak by its socket, too, and it has one place."""
+    monkeypatch.setattr(datagrams, "PEER_S", math.inf)
+    here = ("127.0.0.1", closed_port)
+    with opened(f"udpin:127.0.0.1:{closed_port}") as (link, _), ExitStack() as sockets:
+        peers = [sockets.enter_context(bound_socket()) for _ in range(PLACES[OTHER] + 1)]
+        for number, (peer, said) in enumerate(zip(peers, [*[b"hello"] * 8, b"own"], strict=True)):
+            peer.sendto(said, here)
+            until(lambda number=number: link.gaps == number + 1)
+        for said in (b"own", b"hello", b"rubbish"):
+            peers[0].sendto(said, here)
+        until(lambda: [kind for kind, _ in link._peers.values()].count(OWN) == 2)
+        link.write(b"verdict")
+        assert [peer.recv(100) for peer in peers] == [b"verdict"] * len(peers)
+        assert link.gaps == len(peers) and OWN not in link.full
+        peers[0].settimeout(0.05)
+        with pytest.raises(TimeoutError):  # once is enough
+            peers[0].recv(100)
+
+
+def test_of_too_many_with_its_own_system_s_number_those_heard_last_are_answered(
+    closed_port, monkeypatch
+):
+    monkeypatch.setattr(datagrams, "PEER_S", math.inf)
+    here = ("127.0.0.1", closed_port)
+    with opened(f"udpin:127.0.0.1:{closed_port}") as (link, _), ExitStack() as sockets:
+        peers = [sockets.enter_context(bound_socket()) for _ in range(PLACES[OWN] + 3)]
+        for number, peer in enumerate(peers, 1):
+            peers[0].sendto(b"own", here)  # speaks more often than all others
+            peer.sendto(b"own", here)
+            until(lambda number=number: link.gaps == number)
+        assert link.full == {OWN}
+        link.write(b"verdict")
+        silent = []
+        for number, peer in enumerate(peers):
+            peer.settimeout(0.05 if 1 <= number <= 3 else MAX_S)
+            try:
+                peer.recv(100)
+            except TimeoutError:
+                silent.append(number)
+        assert silent == [1, 2, 3]
 
 
 def test_tcp_goes_both_ways_and_sends_what_waits_at_its_end(server):
@@ -233,7 +279,7 @@ def cable(state):
 cable("up")
 with socket.create_server(("127.0.0.1", 0)) as server:
     link = open_link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
-    link.listen(lambda data: True)
+    link.listen(lambda data, sender: 1)
     other_end, _ = server.accept()
     until(lambda: link.gaps)
     cable("down")

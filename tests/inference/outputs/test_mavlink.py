@@ -228,7 +228,7 @@ def test_messages_are_numbered_for_the_receiver(link):
 class Kept:
     """A link that keeps what is written."""
 
-    whole, gaps, data = True, 0, b""
+    whole, gaps, full, data = True, 0, frozenset(), b""
 
     def listen(self, heard): ...
 
