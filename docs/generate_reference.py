@@ -269,7 +269,8 @@ def metrics() -> str:
     return f"""# Metrics
 
 `tokt run --metrics PORT` serves them to Prometheus. Those of cameras, the recorder, the log and
-drift are there where the run has these.
+drift are there where the run has these. A request has to name this computer or, where one is
+given, the HOST of `HOST:PORT` or any IP address.
 
 {table(["metric", "type", "labels", "meaning"], rows)}"""
 

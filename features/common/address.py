@@ -12,6 +12,8 @@ from .errors import ToktError, UnavailableError
 
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
 """Host names of this computer in a Host header, for itself."""
+_ANY_ADDRESS = ("0.0.0.0", "::")
+_IP_ADDRESS = re.compile(r"\[[0-9a-f:.]+\]|\d{1,3}(\.\d{1,3}){3}")
 _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^:\[\]]+)(?::(\d{1,5}))?")
 _FOR_OWNER, _OTHERS = 0o600, 0o077
 USER_INFO = re.compile(r"(://)[^/?#]*@")
@@ -58,6 +60,22 @@ def host_header(text: str) -> tuple[str, int] | None:
     """The host name, in lower case, and the port of an HTTP request's Host header."""
     match = _HOST.fullmatch(text.lower())
     return None if match is None else (match[1], int(match[2] or 80))
+
+
+def shown_host(host: str) -> str:
+    """The host name in the URL of a server that listens on `host`, in lower case."""
+    shown = (socket.gethostname() if host in _ANY_ADDRESS else host).lower()
+    return f"[{shown}]" if ":" in shown else shown
+
+
+def is_addressed(hosts: list[str], port: int, names: frozenset[str], any_address: bool) -> bool:
+    """Return True if a request's Host headers are one that names a server on `port`.
+
+    With `any_address` that may be any IP address: DNS rebinding needs a name.
+    """
+    name, given = (host_header(hosts[0]) if len(hosts) == 1 else None) or ("", 0)
+    is_address = any_address and _IP_ADDRESS.fullmatch(name) is not None
+    return given == port and (name in names or is_address)
 
 
 def kept_token(file: Path) -> str:

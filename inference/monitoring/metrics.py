@@ -12,12 +12,18 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from ipaddress import ip_address
 from itertools import accumulate, chain
 from socketserver import TCPServer
 from typing import TYPE_CHECKING, Any
-from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
-from tokt.features.common.address import parse_address, resolve
+from tokt.features.common.address import (
+    LOOPBACK_NAMES,
+    is_addressed,
+    parse_address,
+    resolve,
+    shown_host,
+)
 from tokt.features.common.errors import os_errors_as
 from tokt.features.common.extras import needed_by
 from tokt.inference.clock import Clock
@@ -26,6 +32,7 @@ from tokt.inference.publisher import Observer, Sender
 from .run_counts import BOUNDS_S, Histogram, RunCounts
 
 if TYPE_CHECKING:
+    from prometheus_client import MetricsHandler
     from prometheus_client.metrics_core import Metric
 
     from tokt.inference.recording.recorder import Recorder
@@ -201,22 +208,21 @@ class Metrics(Observer):
     """Serve a run's metrics until closed.
 
     One request at a time, each for a bounded silence of its client: whoever connects can keep other
-    scrapes waiting, and nothing else. `port` is the one that is listened on: for 0, any that was
-    free.
+    scrapes waiting, and nothing else. A request must name `host`, this computer or, elsewhere than
+    on loopback, an address. `port` is the one that is listened on: for 0, any that was free.
 
     Raises ToktError if prometheus-client is not installed, or the address cannot be listened on.
     """
 
     def __init__(self, host: str, port: int, collector: RunCollector) -> None:
         with needed_by("--metrics"):
-            from prometheus_client import CollectorRegistry, ProcessCollector, make_wsgi_app
+            from prometheus_client import CollectorRegistry, ProcessCollector
         registry = CollectorRegistry()
         registry.register(collector)
         ProcessCollector(registry=registry)
         family, address = resolve(host, port)
         with os_errors_as(f"metrics cannot be served on {host}:{port}"):
-            self._server = _QuietServer(family, address)
-        self._server.set_app(make_wsgi_app(registry))
+            self._server = _QuietServer(family, address, _handler(registry, host, address[0]))
         self.port: int = self._server.server_address[1]
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="tokt metrics", daemon=True)
@@ -233,26 +239,36 @@ class Metrics(Observer):
             self._server.handle_request()
 
 
-class _Handler(WSGIRequestHandler):
-    timeout = _REQUEST_S
+def _handler(registry: Any, host: str, address: str) -> type[MetricsHandler]:
+    from prometheus_client import MetricsHandler
 
-    def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing: standard error is for people."""
+    names = LOOPBACK_NAMES | {shown_host(host), f"{shown_host(host)}.local"}
+    is_local = ip_address(address).is_loopback
+
+    class Handler(MetricsHandler):
+        timeout = _REQUEST_S
+        server_version, sys_version = "tokt", ""
+
+        def do_GET(self) -> None:  # noqa: N802 - as `http.server` calls it
+            hosts, port = self.headers.get_all("host", []), self.connection.getsockname()[1]
+            if is_addressed(hosts, port, names, any_address=not is_local):
+                super().do_GET()
+            else:
+                self.send_error(403, "This server is not addressed by that host name")
+
+    Handler.registry = registry
+    return Handler
 
 
-class _QuietServer(WSGIServer):
+class _QuietServer(TCPServer):
+    """No HTTPServer, which looks the host's name up: a ship's network may take long for that."""
+
+    allow_reuse_address = True
     timeout = _STOP_CHECK_S
 
-    def __init__(self, family: socket.AddressFamily, address: Any) -> None:
+    def __init__(self, family: socket.AddressFamily, address: Any, handler: Any) -> None:
         self.address_family = family
-        super().__init__(address, _Handler)
-
-    def server_bind(self) -> None:
-        """Bind without looking the host's name up, for which a ship's network may take long."""
-        TCPServer.server_bind(self)
-        host, port = self.server_address[:2]
-        self.server_name, self.server_port = str(host), int(port)
-        self.setup_environ()
+        super().__init__(address, handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of clients that hang up or fall silent."""

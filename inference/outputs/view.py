@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from urllib.parse import quote
 
-from tokt.features.common.address import resolve
+from tokt.features.common.address import resolve, shown_host
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError, os_errors_as, os_words
 from tokt.inference.clock import SYSTEM_CLOCK, awake_s
@@ -46,7 +46,6 @@ _PERIOD_S, _POLL_S = 1 / 15, 0.02
 _PAUSE_S, _CLOSE_S = 5.0, 2.0
 _KEPT_STATUSES = 2000
 _KEPT_FRAMES = 150  # at least 10 s, in which a box is drawn
-_ANY_ADDRESS = ("0.0.0.0", "::")
 
 
 def listening(host: str, port: int) -> socket.socket:
@@ -60,10 +59,8 @@ def listening(host: str, port: int) -> socket.socket:
 
 def view_url(host: str, port: int, token: str | None) -> str:
     """What a person opens; holds the token, if one is needed."""
-    shown = socket.gethostname() if host in _ANY_ADDRESS else host
-    shown = f"[{shown}]" if ":" in shown else shown
     asks = "" if token is None else f"?token={quote(token, safe='')}"
-    return f"http://{shown}:{port}/{asks}"
+    return f"http://{shown_host(host)}:{port}/{asks}"
 
 
 @dataclass(eq=False)

@@ -8,7 +8,6 @@ computer, or another computer, can send anything: so a request must show the tok
 
 import hashlib
 import hmac
-import ipaddress
 import re
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
@@ -18,7 +17,7 @@ from starlette.datastructures import Headers
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from tokt.features.common.address import LOOPBACK_NAMES, host_header
+from tokt.features.common.address import LOOPBACK_NAMES, is_addressed
 
 from .messages import error_response
 
@@ -89,12 +88,9 @@ class AccessRules:
     tickets: set[str] = field(default_factory=set, compare=False)
     """What may be shown in its place once, to open the page."""
 
-    def is_our_host(self, header: str) -> bool:
-        """Whether a Host header addresses this server."""
-        found = host_header(header)
-        if found is None or found[1] != self.port:
-            return False
-        return found[0] in self.names or (self.any_address and _is_address(found[0]))
+    def is_our_host(self, headers: list[str]) -> bool:
+        """Whether a request's Host header addresses this server."""
+        return is_addressed(headers, self.port, self.names, any_address=self.any_address)
 
     @property
     def cookie(self) -> str:
@@ -109,14 +105,6 @@ class AccessRules:
     def is_token(self, given: str) -> bool:
         """Compare a token in a time that does not depend on where it differs."""
         return hmac.compare_digest(given.encode(), (self.token or "").encode())
-
-
-def _is_address(host: str) -> bool:
-    try:
-        ipaddress.ip_address(host.strip("[]"))
-    except ValueError:
-        return False
-    return True
 
 
 class Access:
@@ -143,7 +131,7 @@ class Access:
 
     def _refuse(self, scope: Scope, headers: Headers) -> Response | None:
         hosts = headers.getlist("host")
-        if len(hosts) != 1 or not self._rules.is_our_host(hosts[0]):
+        if not self._rules.is_our_host(hosts):
             words = "this server is not addressed by that host name"
             return _refusal(headers, 403, words, _OTHER_HOST)
         # The page itself may be opened by a link anywhere; all else only our own page asks for.

@@ -16,14 +16,13 @@ from urllib.parse import quote
 import uvicorn
 from uvicorn.server import HANDLED_SIGNALS
 
-from tokt.features.common.address import LOOPBACK_NAMES
+from tokt.features.common.address import LOOPBACK_NAMES, shown_host
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.labels.page.state.session import Session
 
 from .access import AccessRules
 from .app import create_app
 
-_WILDCARDS = ("0.0.0.0", "::")
 _LAST_ANSWERS_S = 1  # how long answers that are under way may take when the server ends
 _IDLE_S = 60  # how long a connection is kept for the next request
 
@@ -51,10 +50,8 @@ def listen(host: str, port: int, token: str | None) -> Address:
         raise ToktError(f"--no-token is for this computer alone, and --host {host} is not")
     listener = _listening(host, port)
     port = listener.getsockname()[1]
-    shown = f"[{host}]" if ":" in host else host
-    if host in _WILDCARDS:
-        shown = socket.gethostname().lower()
-    rules = AccessRules(port, LOOPBACK_NAMES | {shown.lower()}, not loopback, token)
+    shown = shown_host(host)
+    rules = AccessRules(port, LOOPBACK_NAMES | {shown}, not loopback, token)
     page = f"http://{shown}:{port}/"
     if token is None:
         return Address(listener, rules, page, page)

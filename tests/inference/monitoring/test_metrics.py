@@ -1,5 +1,6 @@
 """Metrics over real HTTP, read by Prometheus's own parser."""
 
+import http.client
 import socket
 import sys
 import time
@@ -11,6 +12,7 @@ import pytest
 
 from tests.calls import refuses
 from tests.inference.live import BROADCAST, refuse
+from tests.inference.test_faults import hold_row
 from tests.waiting import MAX_S
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -203,6 +205,44 @@ def test_clients_that_say_nothing_or_hang_up_stop_neither_the_server_nor_its_end
     with pytest.raises(OSError):
         socket.create_connection(("127.0.0.1", metrics.port), timeout=1)
     assert capfd.readouterr().err == ""
+
+
+def answer_of(port: int, host: str | None, method: str = "GET") -> tuple[int, str]:
+    """The status and the Server header of an answer to who names that host."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=MAX_S)
+    connection.putrequest(method, "/metrics", skip_host=True)
+    if host is not None:
+        connection.putheader("Host", host)
+    connection.endheaders()
+    answer = connection.getresponse()
+    answer.read()
+    connection.close()
+    return answer.status, str(answer.getheader("Server")).strip()
+
+
+@pytest.mark.parametrize(
+    ("served", "names", "others"),
+    [
+        ("127.0.0.1", ("127.0.0.1", "localhost", "LocalHost", "[::1]"), ("10.0.0.7", "rov")),
+        ("localhost", ("127.0.0.1", "localhost"), ("10.0.0.7", "rov")),
+        ("0.0.0.0", ("127.0.0.1", "10.0.0.7", "[fe80::1]", "rov", "rov.local"), ("rov.example",)),
+    ],
+)
+def test_only_its_own_names_are_answered(hand_clock, monkeypatch, served, names, others):
+    """A page whose name leads to this computer (DNS rebinding) reads nothing."""
+    monkeypatch.setattr(socket, "gethostname", lambda: "ROV")
+    metrics = Metrics(served, 0, RunCollector(RunCounts(hand_clock), hand_clock))
+    port = metrics.port
+    for name in names:
+        assert answer_of(port, f"{name}:{port}") == (200, "tokt"), name
+    for name in ("dive.example", "127.0.0.1.dive.example", "127.0.0.1,dive.example", *others):
+        assert answer_of(port, f"{name}:{port}") == (403, "tokt"), name
+    for host in (None, "", "localhost", f"localhost:{port + 1}", "[::1", f"localhost:{port},x:1"):
+        assert answer_of(port, host) == (403, "tokt"), host
+    assert answer_of(port, f"dive.example:{port}", "HEAD") == (501, "tokt")
+    metrics.close()
+    said = "refused with code 403; no version of Python is told"
+    hold_row("metrics are asked for by another host name", said, "nothing")
 
 
 def test_what_a_user_can_get_wrong(hand_clock, monkeypatch):
