@@ -13,21 +13,24 @@ import secrets
 import socket
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
-from tokt.features.common.address import LOOPBACK_NAMES, host_header
+from tokt.features.common.address import LOOPBACK_NAMES, is_addressed
 from tokt.inference.clock import SYSTEM_CLOCK
 
 from .view_picture import ENDED, Shown
 
-MAX_CLIENTS, MAX_REQUEST = 64, 16_384
-"""Connections at a time, one more is closed at once; and the bytes of a request."""
+MAX_CLIENTS, MAX_REQUEST = 32, 16_384
+"""Connections at a time that may look, and as many that have not shown that yet; and the bytes of a
+request."""
+_MAX_THREADS = 4 * MAX_CLIENTS  # those too that were hung up on and have not noticed
 REQUEST_S = 5.0
 """Longest time in seconds that a client takes to ask, or to take what it is sent."""
 _POLL_S, _FRESH_S, _WATCHED_S = 0.25, 0.5, 2.0
@@ -98,11 +101,42 @@ class ViewServer(ThreadingHTTPServer):
         self.socket, self.token, self.pictures = listener, token, pictures
         # The newest box that was drawn: on which frame; x, y, width and height in shares of it.
         self.drawn: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=1)
+        # By address, and whether they may look; who got on last stands last.
+        self._clients: dict[Any, tuple[str, bool]] = {}
+        self._lock = threading.Lock()
         threading.Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Whether there is room for one more: each has a thread."""
-        return threading.active_count() < MAX_CLIENTS
+        return threading.active_count() < _MAX_THREADS
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer it in a thread, as one that has not shown yet that it may look."""
+        self.admit(request, client_address[0], may_look=False)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection, which leaves its place."""
+        with self._lock:
+            self._clients.pop(request, None)
+        super().shutdown_request(request)
+
+    def admit(self, request: Any, address: str, may_look: bool) -> None:
+        """Give a connection a place; where there is none hang up on the slowest.
+
+        That is of the address that has most of them, and the one that has been longest in getting
+        on: a crowd takes its own places. What it had asked before may still be answered.
+        """
+        with self._lock:
+            self._clients.pop(request, None)
+            alike = {one: at for one, (at, looks) in self._clients.items() if looks == may_look}
+            if len(alike) >= MAX_CLIENTS:
+                counts = Counter(alike.values())
+                slowest = max(alike, key=lambda one: counts[alike[one]])  # the first of these
+                del self._clients[slowest]
+                with suppress(OSError):
+                    slowest.shutdown(socket.SHUT_RDWR if may_look else socket.SHUT_RD)
+            self._clients[request] = address, may_look
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of clients that hang up or fall silent."""
@@ -144,14 +178,14 @@ class _ViewHandler(BaseHTTPRequestHandler):
     def _route(self, answers: dict[str, Callable[[], None]]) -> None:
         path, _, query = self.path.partition("?")
         self._query = dict(parse_qsl(query))
-        found = [host_header(text) for text in self.headers.get_all("host", [])]
-        ours = [[(name, self.server.server_address[1])] for name in LOOPBACK_NAMES]
+        hosts, port = self.headers.get_all("host", []), self.server.server_address[1]
         token, given = self.server.token, self._query.get("token", "").encode("utf-8", "replace")
-        if token is None and found not in ours:
+        if token is None and not is_addressed(hosts, port, LOOPBACK_NAMES, any_address=False):
             self.send_error(403, "This server is not addressed by that host name")
         elif token is not None and not hmac.compare_digest(given, token.encode()):
             self.send_error(401, "Open the address that tokt run printed: it holds the token")
         elif path in answers:
+            self.server.admit(self.connection, self.client_address[0], may_look=True)
             answers[path]()
         else:
             self.send_error(404)
@@ -192,6 +226,7 @@ class _ViewHandler(BaseHTTPRequestHandler):
         while not ended and (found := self.server.pictures.after(str(number))):
             number, jpeg, shown = found
             ended = shown.word == ENDED
+            self.server.admit(self.connection, self.client_address[0], may_look=True)
             head = b"Content-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg)
             # The next boundary goes with it: browsers show no picture before they have seen that.
             self.wfile.write(head + jpeg + b"\r\n--frame%b\r\n" % (b"--" if ended else b""))

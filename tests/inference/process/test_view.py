@@ -28,6 +28,7 @@ from tokt.inference.outputs.view import LiveView, listening, view_url
 from tokt.inference.outputs.view_server import MAX_CLIENTS
 from tokt.inference.outputs.view_video import new_video
 
+REFUSED = "refused with code 403; no version of Python is told", "nothing"
 RED, GREEN = (30, 30, 200), (60, 110, 20)
 
 
@@ -83,9 +84,11 @@ def test_what_is_asked_wrongly_is_refused(view):
         (200, "/picture?after=99999999999999999999999", {"Host": here}),
         (200, "/picture?after=%00&after=x&token=x", {"Host": here}),
     ):
-        assert view.get(path, **headers)[0] == status, (path, headers)
+        answered, about, _ = view.get(path, **headers)
+        assert (answered, about["Server"].strip()) == (status, "tokt"), (path, headers)
     with view.connect(b"GET http://[/ HTTP/1.1\r\nHost: %b\r\n\r\n" % here.encode()) as opened:
         assert opened.recv(4096).startswith(b"HTTP/1.1 404")
+    hold_row("the live view without a token is asked for by another host name", *REFUSED)
     for method in ("POST", "PUT", "DELETE", "OPTIONS", "CONNECT"):
         assert view.get("/", method)[0] == (403 if method == "POST" else 501)
     for path in ("/", "/picture", "/stream.mjpg"):
@@ -226,13 +229,47 @@ def test_a_request_that_is_too_long_is_no_request(view):
             assert _received(opened).startswith(b"HTTP/1.1 200") == answered
 
 
-def test_more_clients_than_there_is_room_for_are_turned_away(view):
+@pytest.mark.parametrize("asks", [b"G", b"", b"GET / HTTP/1.1\r\nHost: x\r\n"])
+@pytest.mark.parametrize("hosts", [1, 59], ids=["one", "many"])
+@pytest.mark.parametrize("first", [1, 2], ids=["the viewer's", "another"])
+def test_a_crowd_without_the_token_keeps_nobody_out(guarded, first, hosts, asks):
+    """It asks a part and waits: its first connections are hung up on for its last ones."""
+    crowd = []
+    for number in range(2 * MAX_CLIENTS):
+        opened = socket.socket()
+        guarded.clients.callback(opened.close)
+        opened.settimeout(MAX_S)
+        try:
+            opened.bind((f"127.0.0.{first + number % hosts}", 0))
+        except OSError:
+            pytest.skip("this computer's loopback has one address")
+        opened.connect(("127.0.0.1", guarded.port))
+        opened.sendall(asks)
+        crowd.append(opened)
+    for _ in range(5):
+        assert guarded.get("/?token=a+b%2Fc")[0] == 200
+    assert _received(crowd[0]) == b""
+    for opened in crowd:
+        opened.close()
+    fault = "connections to the live view without its token, more than there is room for"
+    hold_row(fault, "as without it; who has the token gets in", "nothing")
+
+
+@pytest.mark.parametrize("asks", [STREAM, b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n"])
+def test_of_more_clients_than_there_is_room_for_the_slowest_are_hung_up_on(view, asks):
     view.until_shown("CLEAR")
-    many = [view.connect(STREAM % view.port) for _ in range(MAX_CLIENTS)]
-    until(lambda: view.get("/")[0] == 0)
+    many = [view.connect(asks % view.port) for _ in range(2 * MAX_CLIENTS)]
+    for _ in range(5):
+        assert view.get("/")[0] == 200
+    until(lambda: view.see() and _is_closed(many[0]))
     for opened in many:
         opened.close()
-    until(lambda: view.see() and view.get("/")[0] == 200)
+    fault = "clients of the live view that never read, more than there is room for"
+    hold_row(fault, "as without it; the slowest are hung up on", "nothing")
+
+
+def _is_closed(opened):
+    return not _received(opened)
 
 
 def is_covered(picture):
