@@ -75,4 +75,4 @@ def _files_of(config: RunConfig) -> Iterable[Path]:
     named += [Path(text.split(":", 1)[-1]) for text in config.source.mask or []]
     if policy.anchor_from is not None:
         named.append(Path(policy.anchor_from.rpartition(":")[0]))
-    return [path for path in named if path is not None and path.is_file()]
+    return filter(None, named)

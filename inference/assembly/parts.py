@@ -174,8 +174,11 @@ class Parts:
         return "; ".join(long), WITHOUT + ", ".join(option for option, _ in faults)
 
     def close(self) -> None:
-        """Open nothing any more."""
+        """Open nothing any more, and close what was opened too late to be put to work."""
         self._closing.set()
+        for _, opened in self._opened:
+            if hasattr(opened, "close"):
+                opened.close()
 
 
 def _words(error: Exception) -> str:

@@ -174,7 +174,7 @@ class _Run:
         """Wait until a part of a required kind is at work, or the run is stopped."""
         state = self._state
         while not (state.parts.has(kind) or state.stopped):
-            self.notifier.ready()
+            self.notifier.ready()  # a service manager would take a start that lasts for a failure
             self._alive()
             state.look_round()
             SYSTEM_CLOCK.sleep(TICK_S)

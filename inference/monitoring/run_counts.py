@@ -21,7 +21,14 @@ BOUNDS_S = (
 )
 """Upper bounds of a histogram's buckets in seconds; a frame is stale at 0.5."""
 
-_WARNINGS = ("camera_lost", "receiver_refused", "place_lost", "place_doubtful", "drift")
+_WARNINGS = (
+    "part_failed",
+    "camera_lost",
+    "receiver_refused",
+    "place_lost",
+    "place_doubtful",
+    "drift",
+)
 
 
 class Histogram:
@@ -89,7 +96,13 @@ class RunCounts(Observer):
         what = f"{kind} {event.fields.get(kind, '')}"
         if event.name in _WARNINGS:
             self.warnings[what] = event.words
-        elif event.name in ("camera_back", "receiver_back", "place_back", "drift_over"):
+        elif event.name in (
+            "part_joined",
+            "camera_back",
+            "receiver_back",
+            "place_back",
+            "drift_over",
+        ):
             self.warnings.pop(what, None)
 
     @property
