@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, UnavailableError
 from tokt.features.common.terminal import say
 from tokt.features.frames.mission import parse_frames
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -154,9 +154,16 @@ def late_parts(state: RunState, exchange: ModelExchange) -> Iterator[Part]:
         yield Part(
             option="bundle",
             value=config.model.file,
-            open=state.model.load,
+            open=partial(_load_late_model, state),
             join=partial(_put_late_model, state, exchange),
         )
+
+
+def _load_late_model(state: RunState) -> Bundle:
+    try:
+        return state.model.load()
+    except ToktError as error:  # disparity judges meanwhile, and no start ends for it
+        raise UnavailableError(str(error)) from None
 
 
 def _put_late_model(state: RunState, exchange: ModelExchange, bundle: Bundle) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
+from tokt.features.common.errors import UnavailableError
 from tokt.features.common.terminal import say
 from tokt.features.common.workspace import DEFAULT_WORKSPACE
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -145,6 +146,8 @@ def _open_shadow(state: RunState) -> Shadow:
     config = state.config
     model, recording, assembly = config.model, config.recording, state.assembly
     assert model.shadow is not None and model.shadow_log is not None and assembly is not None
+    if config.policy.policy == "either" and assembly.stereo is None:
+        raise UnavailableError("policy either has no calibration yet")
     other = model_named(model.shadow)
     challenger = Challenger(
         label=other.label,

@@ -37,7 +37,7 @@ from tokt.models.sight import sight_to_json
 from .judging_parts import late_parts, policy_part, source_part
 from .observer_parts import observer_parts, shadow_parts
 from .option_checks import check_options
-from .parts import DETECTOR, RECEIVER, SOURCE
+from .parts import DETECTOR, RECEIVER, SOURCE, Part
 from .receiver_parts import receiver_parts
 from .run_model import ModelExchange, open_model_watch
 from .run_state import RunState
@@ -97,17 +97,19 @@ def run(config: RunConfig) -> Summary:
         check_options(config)
     with ExitStack() as opened:
         state = RunState(config, config.monitoring.strict and not again, opened)
-        run = _Run(state, opened.enter_context(closing(Notifier(SYSTEM_CLOCK))))
-        if state.strict:
-            run.put_together()
+        notifier = opened.enter_context(closing(Notifier(SYSTEM_CLOCK)))
+        assembler = _Assembler(state, notifier)
+        runtime = assembler.runtime() if state.strict else None
         with stop_on_signal(state.stop) as signals:
             if not state.strict:
-                run.put_together()
-            summary = run.to_its_end()
+                runtime = assembler.runtime()
+            notifier.ready()
+            summary = Summary() if runtime is None else runtime.run()
             if not signals:  # a watchdog knows of its own, and starts again after anybody else's
-                run.notifier.stopping()
+                notifier.stopping()
         if signals:  # a watchdog asks, too, after a Ctrl-C: what ends is not to be cut off
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    summary.heartbeats += state.heartbeats
     log = state.looking.get("log")
     summary.log_failures = 0 if log is None else cast("RunLog", log).failed
     senders = state.senders.values()
@@ -118,45 +120,58 @@ def run(config: RunConfig) -> Summary:
     return summary
 
 
-class _Run:
-    """Put a run together from its parts, and let it go on to its end."""
+class _Assembler:
+    """Put a run together from its parts."""
 
     def __init__(self, state: RunState, notifier: Notifier) -> None:
-        self.notifier = notifier
-        self._state = state
+        self._state, self._notifier = state, notifier
         self._watch: ModelReloader | None = None
 
-    def put_together(self) -> None:
+    def runtime(self) -> Runtime | None:
         """Open all parts; ToktError where a strict start lacks one that it requires.
 
-        Otherwise unknown is sent until there are a source and a detector.
+        Any other start sends unknown until there are a source and a detector. None where the run
+        was stopped before that.
         """
         state = self._state
-        for part in receiver_parts(state):
-            state.parts.add(part)
+        self._add(receiver_parts(state))
         self._await(RECEIVER)
         if state.strict:
             self._add_what_judges()
-            self._add_observers()
-        else:
-            with state.publisher.heartbeat_thread():
-                self._add_observers()
-                self._show_status()
-                self._add_what_judges()
+            self._add(observer_parts(state))
+            return self._joined()
+        with state.publisher.heartbeat_thread():
+            self._add(observer_parts(state))
+            self._show_status()
+            self._add_what_judges()
+            return self._joined()
+
+    def _add(self, parts: Iterable[Part]) -> None:
+        for part in parts:
+            self._state.parts.add(part)
+            self._alive()
+
+    def _await(self, kind: str) -> None:
+        """Wait until a part of a required kind is at work, or the run is stopped."""
+        state = self._state
+        while not (state.parts.has(kind) or state.stopped):
+            self._notifier.ready()  # a service manager would take a long start for a failure
+            self._alive()
+            state.look_round()
+            SYSTEM_CLOCK.sleep(TICK_S)
+
+    def _alive(self) -> None:
+        self._notifier.alive()
+        if self._notifier.dismissed:
+            self._state.stop()
 
     def _add_what_judges(self) -> None:
-        state = self._state
-        state.parts.add(source_part(state))
+        self._add([source_part(self._state)])
         self._await(SOURCE)
-        state.parts.add(policy_part(state))
+        self._add([policy_part(self._state)])
         self._await(DETECTOR)
-        if state.strict:
-            _check_pictures(state)
-
-    def _add_observers(self) -> None:
-        state = self._state
-        for part in observer_parts(state):
-            state.parts.add(part)
+        if self._state.strict:
+            _check_pictures(self._state)
 
     def _show_status(self) -> None:
         state = self._state
@@ -170,31 +185,15 @@ class _Run:
         state.observe(state.status)
         state.share()
 
-    def _await(self, kind: str) -> None:
-        """Wait until a part of a required kind is at work, or the run is stopped."""
-        state = self._state
-        while not (state.parts.has(kind) or state.stopped):
-            self.notifier.ready()  # a service manager would take a start that lasts for a failure
-            self._alive()
-            state.look_round()
-            SYSTEM_CLOCK.sleep(TICK_S)
-
-    def _alive(self) -> None:
-        self.notifier.alive()
-        if self.notifier.dismissed:
-            self._state.stop()
-
-    def to_its_end(self) -> Summary:
-        """Judge all frames of the source; nothing where the run was stopped before the first."""
-        state = self._state
+    def _joined(self) -> Runtime | None:
+        """Join source and policy, and add the parts that ask for both."""
+        state, config, model = self._state, self._state.config, self._state.model
         source, assembly = state.source, state.assembly
         if source is None or assembly is None or state.stopped:
-            return Summary(heartbeats=state.heartbeats)
-        state.publisher.live = source.live
-        config, model = state.config, state.model
+            return None
         exchange = ModelExchange(model, assembly, state.drift, config.model.threads)
-        for part in (*late_parts(state, exchange), *shadow_parts(state)):
-            state.parts.add(part)
+        self._add(late_parts(state, exchange))
+        self._add(shadow_parts(state))
         for line in model.words():
             say(line)
         _say_masks(state)
@@ -206,6 +205,7 @@ class _Run:
         for words in changed_files():
             state.events.put(Event(SYSTEM_CLOCK.time(), FILE_CHANGED, words))
         state.events.put(_start_event(state))
+        state.publisher.live = source.live
         state.runtime = Runtime(
             source=source,
             policy=assembly.policy,
@@ -221,10 +221,7 @@ class _Run:
         )
         # What was made up to here stays: the collector need not go through it at sea.
         gc.freeze()
-        self.notifier.ready()
-        summary = state.runtime.run()
-        summary.heartbeats += state.heartbeats
-        return summary
+        return state.runtime
 
     def _between(self) -> Sequence[Event]:
         self._state.parts.join()

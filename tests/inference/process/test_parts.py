@@ -101,7 +101,7 @@ class Sea:
 def dive(tmp_path_factory):
     """Frames in folders Left and Right, with an obstacle in one of three."""
     folder = tmp_path_factory.mktemp("dive")
-    write_mission(folder, [[(4, 4)] if number % 3 else [(1, 1)] for number in range(600)])
+    write_mission(folder, [[(4, 4)] if number % 3 else [(1, 1)] for number in range(1200)])
     return folder
 
 
@@ -202,7 +202,7 @@ class AtSea:
         path = os.pathsep.join([str(folder), *sys.path])
         self.sea = sea = Sea(
             folder,
-            *("--watchdog", "--config", config, "--source", source, "--rate", "10"),
+            *("--watchdog", "--config", config, "--source", source, "--rate", "4"),
             *("--bundle", model, "--policy", "texture", "--mask", mask),
             *("--udp", f"v2@pilot.example:{self.pilot.getsockname()[1]}"),
             *("--log", "logs/log.jsonl", "--record", folder / "rec", "--view-record"),
@@ -344,7 +344,7 @@ def lenient(tmp_path):
     started: list[Sea] = []
 
     def start(*options: object, **process: Any) -> Sea:
-        started.append(Sea(tmp_path, "--no-strict", "--rate", "10", *options, **process))
+        started.append(Sea(tmp_path, "--no-strict", "--rate", "4", *options, **process))
         return started[-1]
 
     yield start
@@ -443,7 +443,7 @@ def without_files(tmp_path_factory, dive, bundle_file) -> Iterator[Sea]:
     """A run that begins without any of the files that verdicts can go on without."""
     folder = tmp_path_factory.mktemp("without")
     options = [word for _, words in LATER.values() for word in words]
-    more = ("--no-strict", "--policy", "either", "--rate", "10", "--log", "log.jsonl")
+    more = ("--no-strict", "--policy", "fallback", "--rate", "4", "--log", "log.jsonl")
     sea = Sea(folder, *more, "--source", dive, "--bundle", bundle_file, *options)
     sea.until(lambda one: one["model"])
     yield sea
