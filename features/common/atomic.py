@@ -8,11 +8,11 @@ import sys
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from .errors import UnavailableError
+from .errors import UnavailableError, os_words
 
 ABANDONED_S = 24 * 3600.0
 """A partial file or folder that old has no writer any more."""
@@ -25,19 +25,30 @@ _POLL_S = 0.02
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
+class NotDurableError(OSError):
+    """An error after a rename: the new content is in place, but a power cut may undo it."""
+
+
 def _partial_name(target: Path) -> Path:
     return target.parent / f"{_PARTIAL}{uuid.uuid4().hex[:12]}-{target.name}"
 
 
 def fsync_folder(folder: Path) -> None:
-    """Make a rename inside `folder` durable; a no-op where folders cannot be opened (Windows)."""
+    """Make a rename inside `folder` durable; a no-op where folders cannot be opened (Windows).
+
+    Raises NotDurableError if the system refuses.
+    """
     if os.name == "nt":
         return
-    handle = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        words = f"{os_words(error)}; it is in place, but a power cut may undo it"
+        raise NotDurableError(error.errno, words) from None
 
 
 def rename(old: Path, new: Path) -> None:
@@ -66,7 +77,8 @@ def write_bytes(target: Path, data: bytes, spare: Path | None = None, mode: int 
             handle.write(data)
     except OSError as error:
         # One that is too short was perhaps cut by a process that was killed here: it has its block.
-        if spare is None or error.errno not in _FULL or not spare.is_file():
+        full = error.errno in _FULL and not isinstance(error, NotDurableError)
+        if spare is None or not full or not spare.is_file():
             raise
         with spare.open("r+b") as handle:
             handle.write(data)
@@ -93,8 +105,10 @@ def new_file(target: Path, mode: int = 0o666) -> Iterator[BinaryIO]:
             handle.flush()
             os.fsync(handle.fileno())
         rename(partial, target)
-    finally:
-        partial.unlink(missing_ok=True)
+    except BaseException:
+        with suppress(OSError):  # the first error is the one to tell
+            partial.unlink(missing_ok=True)
+        raise
     fsync_folder(target.parent)
 
 

@@ -218,7 +218,7 @@ class ModelReloader(Observer):
             bundle, self._to_remember = self._to_remember, None
         fault = remember_good(self.store, bundle)
         if fault:
-            self._tell("model_not_kept", f"no copy of model {bundle.label} is kept: {fault}")
+            self._tell("model_not_kept", fault)
 
     def _tell(self, name: str, words: str) -> None:
         with self._lock:

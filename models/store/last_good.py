@@ -31,15 +31,16 @@ def remember_good(store: Store, bundle: Bundle) -> str:
     """Keep a copy of the bundle in use, for the next start.
 
     The bundle is from this store and has passed every check. It waits for the disk: not to be
-    called between two frames. Returns why it could not be kept, such as a store that this account
-    may only read; or an empty string.
+    called between two frames. Returns why it could not be kept for certain, such as a store
+    that this account may only read; or an empty string.
     """
     file = store.last_good_file
     try:
         if not file.is_file() or file.read_bytes() != bundle.data:
             atomic.write_bytes(file, bundle.data)
     except OSError as error:
-        what = f"no copy of {bundle.label} is kept for the next start"
+        kept = "the" if isinstance(error, atomic.NotDurableError) else "no"
+        what = f"{kept} copy of {bundle.label} is kept for the next start"
         return f"store {store.path}: {what}: {os_words(error)}"
     return ""
 

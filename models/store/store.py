@@ -38,7 +38,7 @@ from pathlib import Path
 
 from tokt.features.common import atomic
 from tokt.features.common.atomic import locked
-from tokt.features.common.errors import ToktError, naming, os_errors_as, os_words
+from tokt.features.common.errors import ToktError, naming, os_words
 from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
 from tokt.models.signing.keys import PublicKey
 from tokt.models.signing.trusted_keys import (
@@ -317,7 +317,8 @@ class Store:
         reason : str
             Kept in the history.
         notice : callable
-            Given one line for each damaged file that was set aside.
+            Given one line for each damaged file that was set aside, and for each error after which
+            the bundle is active nevertheless.
 
         Raises
         ------
@@ -359,12 +360,23 @@ class Store:
     def _writing(self) -> Iterator[None]:
         """Be the one process that writes to the store, whose folder is made where it is missing.
 
-        What the system refuses, such as a full disk, becomes a ToktError.
+        What the system refuses, such as a full disk, becomes a ToktError that names what is active.
         """
-        with os_errors_as(f"store {self.path}"):
+        try:
             self.path.mkdir(parents=True, exist_ok=True)
             with locked(self.path / "lock", LOCK_WAIT_S):
                 yield
+        except OSError as error:
+            why = f"store {self.path}: {os_words(error)}; {self._active_words()}"
+            raise ToktError(why) from None
+
+    def _active_words(self) -> str:
+        """Say what is active now, or why that is not known."""
+        try:
+            entry = self.active_entry() if self.path.is_dir() else None
+        except ToktError as error:
+            return str(error)
+        return f"{entry.label if entry else 'no model'} is active"
 
     def _keep(self, file: Path, notice: Notice) -> None:
         """Keep a damaged file under another name.
@@ -443,20 +455,28 @@ class Store:
             atomic.remove_partials(folder, older_than_s=atomic.ABANDONED_S)
         lines = "".join(json.dumps(past.to_json()) + "\n" for past in reading.entries)
         if self._history_bytes() != lines.encode():
-            self._write(self._history_file, lines)
+            self._write(self._history_file, lines, notice)
         text = json.dumps(entry.to_json(), indent=2) + "\n"
-        self._write(self._copy_file, text)
-        self._write(self._active_file, text)
-        try:
-            self._write(self._history_file, lines + json.dumps(entry.to_json()) + "\n")
+        self._write(self._copy_file, text, notice)
+        self._write(self._active_file, text, notice)
+        # It is active by now, whatever becomes of the rest.
+        with self._notices("its history lacks this activation until the next one", notice):
+            self._write(self._history_file, lines + json.dumps(entry.to_json()) + "\n", notice)
+        with self._notices("space for a rollback on a full disk", notice):
             self._keep_spares()
-        except OSError as error:
-            # It is active by now, whatever becomes of the line, which the next command adds.
-            notice(f"store {self.path}: the history, or a place for the next: {os_words(error)}")
         return entry
 
-    def _write(self, file: Path, text: str) -> None:
-        atomic.write_text(file, text, _spare_of(file))
+    def _write(self, file: Path, text: str, notice: Notice) -> None:
+        with self._notices(file.name, notice, atomic.NotDurableError):
+            atomic.write_text(file, text, _spare_of(file))
+
+    @contextmanager
+    def _notices(self, what: str, notice: Notice, kind: type[OSError] = OSError) -> Iterator[None]:
+        """Go on after an error of this kind, with one line."""
+        try:
+            yield
+        except kind as error:
+            notice(f"store {self.path}: {what}: {os_words(error)}")
 
     def _keep_spares(self) -> None:
         """Keep the place on the disk that a rollback takes."""
@@ -480,7 +500,8 @@ class Store:
         reason : str
             Kept with it.
         notice : callable
-            Given a line if a damaged keys file was set aside; the keys in it are trusted no more.
+            Given a line if a damaged keys file was set aside, whose keys are trusted no more, or if
+            a power cut may undo the change.
 
         Raises
         ------
@@ -492,9 +513,10 @@ class Store:
             if key.id in keys.trusted:
                 raise ToktError(f"store {self.path} trusts key {key.id} already")
             public_key, name = key.raw.hex(), one_line(name)
-            return self._decide(keys, KeyEvent(TRUST, key.id, public_key, name, *stamp(reason)))
+            event = KeyEvent(TRUST, key.id, public_key, name, *stamp(reason))
+            return self._decide(keys, event, notice)
 
-    def distrust(self, key_id: str, reason: str = "") -> KeyEvent:
+    def distrust(self, key_id: str, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
         """Stop trusting a key: bundles it signed are no longer taken, the active one included.
 
         Parameters
@@ -503,6 +525,8 @@ class Store:
             At least its first 8 digits.
         reason : str
             Kept with it.
+        notice : callable
+            Given a line if a power cut may undo it.
 
         Raises
         ------
@@ -514,7 +538,8 @@ class Store:
             keys = self.trusted_keys()
             key = keys.named(key_id)
             name = one_line(key.name)  # the file may have been edited by hand
-            return self._decide(keys, KeyEvent(DISTRUST, key.key_id, "", name, *stamp(reason)))
+            event = KeyEvent(DISTRUST, key.key_id, "", name, *stamp(reason))
+            return self._decide(keys, event, notice)
 
     def accept_unsigned(self, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
         """Stop asking for signatures, and trust no key.
@@ -526,7 +551,8 @@ class Store:
             keys = self._keys_or_none(notice)
             if keys.events and not keys.required:
                 raise ToktError(f"store {self.path} takes unsigned bundles already")
-            return self._decide(keys, KeyEvent(ACCEPT_UNSIGNED, "", "", "", *stamp(reason)))
+            event = KeyEvent(ACCEPT_UNSIGNED, "", "", "", *stamp(reason))
+            return self._decide(keys, event, notice)
 
     def _keys_or_none(self, notice: Notice) -> TrustedKeys:
         """The keys, or none with a notice if their file is damaged or gone."""
@@ -539,8 +565,9 @@ class Store:
                 notice(str(error))
             return TrustedKeys()
 
-    def _decide(self, keys: TrustedKeys, event: KeyEvent) -> KeyEvent:
-        atomic.write_text(self._keys_file, TrustedKeys((*keys.events, event)).to_text())
+    def _decide(self, keys: TrustedKeys, event: KeyEvent, notice: Notice) -> KeyEvent:
+        text = TrustedKeys((*keys.events, event)).to_text()
+        self._write(self._keys_file, text, notice)
         return event
 
 

@@ -492,7 +492,7 @@ def _change_keys(
 
         return store.trust(read_public_key(trust), trust.stem, reason, notice=say)
     if distrust is not None:
-        return store.distrust(distrust, reason)
+        return store.distrust(distrust, reason, notice=say)
     return store.accept_unsigned(reason, notice=say) if accept_unsigned else None
 
 
