@@ -22,6 +22,7 @@ import io
 import logging
 import os
 import re
+import shutil
 import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator
@@ -36,6 +37,7 @@ from tokt.features.common import atomic
 from tokt.features.common.address import without_credentials
 from tokt.features.common.canonical import printable_json
 from tokt.features.common.errors import ToktError
+from tokt.features.common.terminal import say
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import (
     MAX_FILE_BYTES,
@@ -79,6 +81,7 @@ import sqlalchemy
 from mlflow.entities.model_registry import ModelVersion
 from mlflow.exceptions import MlflowException
 from mlflow.store.db.db_types import DATABASE_ENGINES
+from mlflow.utils.file_utils import local_file_uri_to_path
 from sqlalchemy.exc import SQLAlchemyError
 
 if TYPE_CHECKING:
@@ -98,6 +101,8 @@ _PLACES = (
     *(("logged_models", "artifact_location"), ("model_versions", "storage_location")),
 )
 """Where MLflow's database names artifacts: tables and columns."""
+_TEMPORARY = re.compile(r"file://.*/tmp\w{8}/0")
+"""A place of MLflow's own experiment that an earlier tokt left in a folder of `tempfile`."""
 _NO_VALUE = (TypeError, ValueError, SyntaxError, MemoryError, RecursionError)
 """What Python raises for a text that is no value; the last two where it is nested too deeply."""
 _MAX_TABLE_BYTES = 1 << 32
@@ -194,6 +199,17 @@ def _empty_database() -> bytes:
     return content
 
 
+def _move_places(database: Path, before: str, now: str) -> None:
+    """Let MLflow read and write below `now` what it had below `before`."""
+    with closing(sqlite3.connect(database, timeout=60)) as opened, opened:
+        for table, column in _PLACES:
+            opened.execute(
+                f"UPDATE {table} SET {column} = ? || substr({column}, ?) "
+                f"WHERE substr({column} || '/', 1, ?) = ?",
+                (now, len(before) + 1, len(before) + 1, f"{before}/"),
+            )
+
+
 @contextmanager
 def fitting(version: RegisteredVersion, what: str = "recipe.json") -> Iterator[None]:
     """Around what takes a recipe for what training writes: say that it is not."""
@@ -259,6 +275,8 @@ class Registry:
             if _dialect(self.uri) in DATABASE_ENGINES and self._database is None:
                 _reach(self.uri)
             self.client = mlflow.MlflowClient(self.uri, self.uri)
+            if self._database is not None and files_of is None:
+                self._keep_own_runs(self._database)
 
     @contextmanager
     def reported(self) -> Iterator[None]:
@@ -285,19 +303,28 @@ class Registry:
             where = without_credentials(self.uri)
             raise ToktError(f"the model registry at {where}: it has no artifact folder")
         if self._database is not None and found.artifact_location != location:
-            self._move_artifacts(self._database, found.artifact_location)
+            # After the workspace was moved or copied: what is logged from now on goes to its own.
+            _move_places(self._database, found.artifact_location, self._artifacts.as_uri())
         return str(found.experiment_id)
 
-    def _move_artifacts(self, database: Path, before: str) -> None:
-        """After the workspace was moved or copied: what is logged from now on goes to its own."""
-        now = self._artifacts.as_uri()
-        with closing(sqlite3.connect(database, timeout=60)) as opened, opened:
-            for table, column in _PLACES:
-                opened.execute(
-                    f"UPDATE {table} SET {column} = ? || substr({column}, ?) "
-                    f"WHERE substr({column} || '/', 1, ?) = ?",
-                    (now, len(before) + 1, len(before) + 1, f"{before}/"),
-                )
+    def _keep_own_runs(self, database: Path) -> None:
+        """Give MLflow's own experiment, where its place is temporary, one here with its files."""
+        default = self.client.get_experiment_by_name("Default")
+        if default is None or not _TEMPORARY.fullmatch(default.artifact_location):
+            return
+        place = Path(local_file_uri_to_path(default.artifact_location))
+        own, runs = self._artifacts / "0", self.client.search_runs([default.experiment_id])
+        try:
+            if place.is_dir() and not own.exists():
+                with atomic.new_folder(own) as folder:
+                    shutil.copytree(place, folder, dirs_exist_ok=True)
+            _move_places(database, default.artifact_location, own.as_uri())
+            lost = [run.info.run_name for run in runs if not (own / run.info.run_id).exists()]
+            state = f"they go to {own} now; lost: {', '.join(lost) or 'none'}"
+        except (OSError, sqlite3.Error) as error:
+            state = f"they cannot be moved to {own}: {error}"
+        if runs:
+            say(f"WARNING: your own MLflow runs had their files in {place} (temporary); {state}")
 
     def register(
         self, name: str, model_uri: str, run_id: str, model_id: str, tags: dict[str, str]
