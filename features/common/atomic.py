@@ -34,10 +34,7 @@ def _partial_name(target: Path) -> Path:
 
 
 def fsync_folder(folder: Path) -> None:
-    """Make a rename inside `folder` durable; a no-op where folders cannot be opened (Windows).
-
-    Raises NotDurableError if the system refuses.
-    """
+    """Make a rename inside `folder` durable, or raise NotDurableError; a no-op on Windows."""
     if os.name == "nt":
         return
     try:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 from weakref import WeakSet
 
-from tokt.features.common.errors import ToktError, check_format, counted
+from tokt.features.common.errors import ToktError, check_format, counted, os_words
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import FolderMission, Mission
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, NoLabelsError
@@ -612,7 +612,7 @@ class LabelStore:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        with self._user_errors():
+        with self._user_errors("; nothing was stored"):
             self._begin()
             try:
                 yield
@@ -650,14 +650,14 @@ class LabelStore:
             time.sleep(_RETRY_S)
 
     @contextmanager
-    def _user_errors(self) -> Iterator[None]:
+    def _user_errors(self, state: str = "") -> Iterator[None]:
         try:
             yield
         except (sqlite3.IntegrityError, sqlite3.ProgrammingError):
             raise
         except sqlite3.DatabaseError as error:
-            raise ToktError(f"label store {self.path}: {error}") from error
+            raise ToktError(f"label store {self.path}: {error}{state}") from error
         except UnicodeDecodeError:  # SQLite does not look at the bytes of a text
             raise ToktError(f"label store {self.path} is damaged: a text is not UTF-8") from None
         except OSError as error:
-            raise ToktError(f"label store {self.path}: {error.strerror or error}") from error
+            raise ToktError(f"label store {self.path}: {os_words(error)}{state}") from error

@@ -403,13 +403,18 @@ class Registry:
         raise ToktError(f"model {name!r} has no {wanted}")
 
     def set_alias(self, reference: str, alias: str) -> RegisteredVersion:
-        """Point `alias` at a version, away from any other."""
+        """Point `alias` at a version, away from any other; an error names where it points then."""
         version = self.find(reference)
         check_alias(alias)
-        with self.reported():
-            retry_once(
-                lambda: self.client.set_registered_model_alias(version.name, alias, version.version)
-            )
+        point = self.client.set_registered_model_alias
+        try:
+            with self.reported():
+                retry_once(lambda: point(version.name, alias, version.version))
+        except ToktError as error:
+            known = self.versions(version.name)
+            at = next((one.label for one in known if alias in one.aliases), "no version")
+            if at != version.label:
+                raise ToktError(f"{error}; {version.name}@{alias} is {at}") from error
         return self.find(version.label)
 
     def check(self, version: RegisteredVersion) -> None:

@@ -317,8 +317,7 @@ class Store:
         reason : str
             Kept in the history.
         notice : callable
-            Given one line for each damaged file that was set aside, and for each error after which
-            the bundle is active nevertheless.
+            Given one line for each damaged file that was set aside, and each error past the change.
 
         Raises
         ------
@@ -500,8 +499,7 @@ class Store:
         reason : str
             Kept with it.
         notice : callable
-            Given a line if a damaged keys file was set aside, whose keys are trusted no more, or if
-            a power cut may undo the change.
+            Given a line if a damaged keys file was set aside; the keys in it are trusted no more.
 
         Raises
         ------
@@ -512,8 +510,7 @@ class Store:
             keys = self._keys_or_none(notice)
             if key.id in keys.trusted:
                 raise ToktError(f"store {self.path} trusts key {key.id} already")
-            public_key, name = key.raw.hex(), one_line(name)
-            event = KeyEvent(TRUST, key.id, public_key, name, *stamp(reason))
+            event = KeyEvent(TRUST, key.id, key.raw.hex(), one_line(name), *stamp(reason))
             return self._decide(keys, event, notice)
 
     def distrust(self, key_id: str, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
@@ -526,7 +523,7 @@ class Store:
         reason : str
             Kept with it.
         notice : callable
-            Given a line if a power cut may undo it.
+            As for `deploy`.
 
         Raises
         ------
@@ -536,9 +533,8 @@ class Store:
         self.check_folder()
         with self._writing():
             keys = self.trusted_keys()
-            key = keys.named(key_id)
-            name = one_line(key.name)  # the file may have been edited by hand
-            event = KeyEvent(DISTRUST, key.key_id, "", name, *stamp(reason))
+            key = keys.named(key_id)  # its name may have been edited by hand
+            event = KeyEvent(DISTRUST, key.key_id, "", one_line(key.name), *stamp(reason))
             return self._decide(keys, event, notice)
 
     def accept_unsigned(self, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
@@ -551,8 +547,7 @@ class Store:
             keys = self._keys_or_none(notice)
             if keys.events and not keys.required:
                 raise ToktError(f"store {self.path} takes unsigned bundles already")
-            event = KeyEvent(ACCEPT_UNSIGNED, "", "", "", *stamp(reason))
-            return self._decide(keys, event, notice)
+            return self._decide(keys, KeyEvent(ACCEPT_UNSIGNED, "", "", "", *stamp(reason)), notice)
 
     def _keys_or_none(self, notice: Notice) -> TrustedKeys:
         """The keys, or none with a notice if their file is damaged or gone."""
@@ -566,8 +561,7 @@ class Store:
             return TrustedKeys()
 
     def _decide(self, keys: TrustedKeys, event: KeyEvent, notice: Notice) -> KeyEvent:
-        text = TrustedKeys((*keys.events, event)).to_text()
-        self._write(self._keys_file, text, notice)
+        self._write(self._keys_file, TrustedKeys((*keys.events, event)).to_text(), notice)
         return event
 
 

@@ -19,6 +19,7 @@ from mlflow.models import Model
 
 from tokt import __version__
 from tokt.features.common.canonical import printable_json
+from tokt.features.common.errors import naming, os_errors_as
 from tokt.mlflow import COLUMN, LOADER_MODULE, SIGNATURE
 from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
 from tokt.models.bundle.card import model_card
@@ -230,11 +231,13 @@ def log_and_register(
         tags["search"] = request.search
     recipe = printable_json(files["recipe.json"])
     content = content_of(trained, recipe, mlflow_run_id=run.info.run_id)
-    registered, card = _register(registry, content, files, tags)
-    if key is not None:
-        registry.sign(registered, key)
-    _log_card(registered, card, registry)
-    return registry.set_alias(registered.label, NEWEST_ALIAS)
+    state = f"run {run.info.run_id} is logged, and tokt models list shows whether it is registered"
+    with naming(state), os_errors_as("its files"):
+        registered, card = _register(registry, content, files, tags)
+        if key is not None:
+            registry.sign(registered, key)
+        _log_card(registered, card, registry)
+        return registry.set_alias(registered.label, NEWEST_ALIAS)
 
 
 def adaptation_page(told: dict[str, Any], label: str) -> str:

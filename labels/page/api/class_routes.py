@@ -13,7 +13,7 @@ from typing import Any
 from fastapi import APIRouter
 from starlette.responses import Response
 
-from tokt.features.common.atomic import write_text
+from tokt.features.common.atomic import NotDurableError, write_text
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.labels.page.state.session import Session
 from tokt.labels.taxonomy import FILE_NAME, FORMAT, Taxonomy
@@ -61,7 +61,11 @@ def post_classes(session: SessionOf, body: ClassesBody) -> Response:
         _check_used(session, taxonomy, body.who or session.annotator)
         file = session.store.path.parent / FILE_NAME
         with os_errors_as(str(file)):
-            write_text(file, text)
+            try:
+                write_text(file, text)
+            except NotDurableError:
+                session.use_taxonomy(taxonomy)
+                raise
         session.use_taxonomy(taxonomy)
     return get_classes(session, body.who)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import ToktError, naming, os_errors_as
 from tokt.features.common.terminal import print_json, say
 from tokt.features.common.workspace import DEFAULT_WORKSPACE
 from tokt.models.registry.names import CHAMPION
@@ -189,9 +189,10 @@ def promote(
         "outcome": "refused" if refused else "forced" if faults else "promoted",
         "why": force or "",
     }
-    registry.record_promotion(version, record)
     if not refused:
         registry.set_alias(version.label, to)
+    with naming(f"{name} is {before or 'no version' if refused else version.label}"):
+        registry.record_promotion(version, record)
     answer(json, {"model": version.label, **record, **found}, lambda: _print_gate(found))
     if refused:
         raise ToktError(f"{version.label} does not become {name}: {faults} (but by --force WHY)")
@@ -399,7 +400,7 @@ def _record_deployment(bundle: Bundle, store: Store, reason: str, workspace: Pat
     try:
         Registry(workspace).record_deployment(bundle.label, store.path, bundle.sha256, reason)
     except ToktError as error:
-        say(f"note: the registry does not remember this deployment: {error}")
+        say(f"note: the registry may not remember this deployment: {error}")
 
 
 def _carry(store: Store, bundle: Bundle) -> dict[str, Any]:

@@ -1,8 +1,18 @@
 """The workspace's classes, read and written through the page."""
 
+import errno
+import os
 import tomllib
 
 import pytest
+
+from tests.calls import refuses
+from tests.inference.test_faults import hold_row
+from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import FolderMission
+from tokt.labels.page.api.class_routes import ClassesBody, post_classes
+from tokt.labels.page.state.session import open_session
+from tokt.labels.taxonomy import load_taxonomy
 
 NEW = {"name": "stony coral", "obstacle": True, "color": "#aa0011", "key": "6", "parent": "reef"}
 
@@ -98,3 +108,39 @@ def test_classes_that_were_given_are_not_changed_here(page_server, server, tmp_p
     other = page_server("--taxonomy", given, workspace=tmp_path / "o")
     assert str(given) in other.get("/api/classes")["fixed"]
     assert change(other, plain(other)).status == 409
+
+
+@pytest.mark.skipif(os.name == "nt", reason="syncs no folder")
+def test_classes_whose_folder_cannot_be_synced_are_in_force_as_the_file_has_them(
+    tiny, tmp_path, monkeypatch
+):
+    session = open_session(FolderMission(tiny.path), tmp_path, Grid(), "anna", "test")
+    classes, real = session.taxonomy.to_json()["classes"], os.fsync
+    more = [
+        {**NEW, "name": name, "key": "x", "parent": ""} for name in ("stony coral", "soft coral")
+    ]
+
+    def fsync(handle):
+        if os.path.samestat(os.fstat(handle), tmp_path.stat()):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        real(handle)
+
+    def refuse_rename(old, new):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    for call, broken, words in (
+        ("fsync", fsync, "; it is in place, but a power cut may undo it"),
+        ("replace", refuse_rename, ""),
+    ):
+        body = ClassesBody(setup=session.setup, classes=[*classes, more.pop(0)])
+        with monkeypatch.context() as disk:
+            disk.setattr(os, call, broken)
+            refuses(f"taxonomy.toml: Input/output error{words}$", post_classes, session, body)
+        known = load_taxonomy(tmp_path).names
+        assert session.taxonomy.names == known and known[-1] == "stony coral"
+    session.store.close()
+    hold_row(
+        "the disk fails as the page writes the workspace's classes",
+        "the page says so; the classes in force are those of the file",
+        "nothing",
+    )
