@@ -44,8 +44,10 @@ def fsync_folder(folder: Path) -> None:
         finally:
             os.close(handle)
     except OSError as error:
-        words = f"{os_words(error)}; it is in place, but a power cut may undo it"
-        raise NotDurableError(error.errno, words) from None
+        words = (
+            f"{os_words(error)} as folder {folder.name} was synced; its new content is in place, "
+        )
+        raise NotDurableError(error.errno, words + "but a power cut may undo it") from None
 
 
 def rename(old: Path, new: Path) -> None:

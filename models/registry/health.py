@@ -65,7 +65,8 @@ def _counted(workspace: Path, where: str, own: bool, files_of: Path | None = Non
     except ModuleNotFoundError as error:
         text = f"{where}: not opened, {error.name} is not installed (extra 'train')"
         return Finding(NAME, NOTE, text)
-    registry = Registry(workspace, own=own, files_of=files_of)
+    copied = workspace if own else None  # a copy is not mended
+    registry = Registry(workspace, own=own, files_of=files_of or copied)
     versions = registry.versions()
     if files_of is not None:
         for version in versions:

@@ -317,7 +317,7 @@ class Registry:
         try:
             if place.is_dir() and not own.exists():
                 with atomic.new_folder(own) as folder:
-                    shutil.copytree(place, folder, dirs_exist_ok=True)
+                    shutil.copytree(place, folder, symlinks=True, dirs_exist_ok=True)
             _move_places(database, default.artifact_location, own.as_uri())
             lost = [run.info.run_name for run in runs if not (own / run.info.run_id).exists()]
             state = f"they go to {own} now; lost: {', '.join(lost) or 'none'}"

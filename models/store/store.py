@@ -370,11 +370,11 @@ class Store:
             raise ToktError(why) from None
 
     def _active_words(self) -> str:
-        """Say what is active now, or why that is not known."""
+        """Say what is active now."""
         try:
-            entry = self.active_entry() if self.path.is_dir() else None
-        except ToktError as error:
-            return str(error)
+            entry = self.active_entry() if self.is_there else None
+        except (ToktError, OSError):
+            return "what is active cannot be read"
         return f"{entry.label if entry else 'no model'} is active"
 
     def _keep(self, file: Path, notice: Notice) -> None:

@@ -135,7 +135,7 @@ def test_a_backup_that_a_power_cut_may_undo(file, tmp_path, monkeypatch):
         real(handle)
 
     monkeypatch.setattr(os, "fsync", fsync)
-    words = f"{target}: Input/output error; it is in place, but a power cut may undo it"
+    words = f"{target}: Input/output error as folder stick was synced; its new content is in place"
     refused(words, "labels", "backup", target, "--workspace", file.parent)
     with LabelStore(target, create=False) as store:
         assert len(store.current()) == 10
@@ -143,7 +143,7 @@ def test_a_backup_that_a_power_cut_may_undo(file, tmp_path, monkeypatch):
     succeeds("labels", "backup", tmp_path / "again.db", "--workspace", file.parent)
     hold_row(
         "a folder that cannot be synced after a file got its name: backup, export, calibration",
-        "`it is in place, but a power cut may undo it`, code 2",
+        "`its new content is in place, but a power cut may undo it`, code 2",
         "nothing",
     )
 

@@ -142,6 +142,17 @@ def test_a_workspace_that_may_only_be_read(old):
     assert not list(workspace.rglob(".partial-*"))
 
 
+def test_doctor_says_and_changes_nothing_of_it(old, run_tokt, monkeypatch):
+    workspace, place = old
+    before = content(workspace)
+    for uri in (None, f"sqlite:///{workspace / 'mlflow.db'}"):
+        if uri:
+            monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+        assert "WARNING" not in run_tokt("doctor", "--workspace", workspace).err
+    assert content(workspace) == before and place.exists()
+    assert not (workspace / "mlartifacts/0").exists()
+
+
 def test_a_copy_that_fails_is_said_and_made_later(old, monkeypatch, run_tokt):
     workspace, _ = old
     with monkeypatch.context() as broken:

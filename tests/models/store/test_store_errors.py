@@ -160,10 +160,9 @@ def test_a_first_deployment_that_fails(store, disk, signed, tmp_path):
 def test_an_error_over_a_damaged_pointer(store, disk, signed):
     (store.path / "active").write_bytes(b"?")
     disk.fail(1, errno.ENOSPC, on=True)
-    words = "No space left on device; store .*: the active pointer is damaged"
-    line = refuses(words, store.deploy, signed["c"])
+    words = "No space left on device; what is active cannot be read$"
+    refuses(words, store.deploy, signed["c"])
     disk.fail(0, 0, on=False)
-    assert "is active" not in line
 
 
 @pytest.mark.parametrize("option", ["--trust", "--distrust", "--accept-unsigned"])
