@@ -3,11 +3,14 @@
 A host process forks a child for each trial. In the child an audit hook counts the operations on
 files below the store that change anything (Python raises an event before it opens, renames, removes
 or makes one) and ends the process, as SIGKILL would, when the chosen one is about to happen.
+On Linux a small library (kill_at_call.c), loaded before libc, counts the calls of the system, too:
+those that write, cut or sync a file as well.
 """
 
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -27,7 +30,7 @@ from tokt.models.store.store import Store
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs fork")
 
 HOST = """
-import os, sys, json, resource
+import ctypes, os, sys, json, resource
 from pathlib import Path
 import cv2
 from tokt.models.bundle.bundle import read_bundle
@@ -67,7 +70,7 @@ def kill_at(step):
 
 print("ready", flush=True)
 for line in sys.stdin:
-    name, step, limit = json.loads(line)
+    name, step, limit, torn = json.loads(line)
     child = os.fork()
     if not child:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -75,7 +78,10 @@ for line in sys.stdin:
         try:
             if limit is not None:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-            kill_at(step)
+            if torn is None:
+                kill_at(step)
+            else:
+                ctypes.CDLL(None).kill_at_call(step, torn)
             commands[name]()
         except BaseException as error:
             code = 2 if type(error).__name__ == "ToktError" else 1
@@ -84,6 +90,9 @@ for line in sys.stdin:
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
 
+SOURCE = Path(__file__).with_name("kill_at_call.c")
+CC = shutil.which("cc") if sys.platform == "linux" else None
+COMPILER = None if CC is None else [CC, "-shared", "-fPIC"]
 Run = Callable[..., int]
 COMMANDS = ["deploy", "rollback", "trust", "distrust", "accept unsigned"]
 
@@ -99,8 +108,15 @@ def run(place, signed, key_files):
     for name, bundle in signed.items():
         (place / f"{name}.tokt").write_bytes(bundle.data)
     public = key_files["boat"].with_suffix(".pub")
-    with answering(HOST, place / "store", place, public) as ask:
-        yield lambda name, step=0, limit=None: int(ask(json.dumps([name, step, limit])))
+    with pytest.MonkeyPatch.context() as patch:
+        if COMPILER is not None:
+            library = place / "kill_at_call.so"
+            subprocess.run([*COMPILER, "-o", library, SOURCE, "-ldl"], check=True)
+            patch.setenv("LD_PRELOAD", str(library))
+        with answering(HOST, place / "store", place, public) as ask:
+            yield lambda name, step=0, limit=None, torn=None: int(
+                ask(json.dumps([name, step, limit, torn]))
+            )
 
 
 @pytest.fixture
@@ -128,8 +144,18 @@ def prepared(store: Store, keys: dict[str, SigningKey], signed: dict[str, Bundle
         remember_good(store, signed["a"])
 
 
-@pytest.mark.parametrize("name", [*COMMANDS, "deploy an old one", "rollback to 1", "remember"])
-def test_killed_at_every_step(store, keys, signed, run, place, name):
+MORE = ["deploy an old one", "rollback to 1", "remember"]
+BY_CALL = pytest.mark.skipif(COMPILER is None, reason="needs Linux and a C compiler")
+KILLED = {
+    "before an operation": None,
+    "before a call": pytest.param(0, marks=BY_CALL),
+    "within a write": pytest.param(1, marks=BY_CALL),
+}
+
+
+@pytest.mark.parametrize("torn", KILLED.values(), ids=KILLED)
+@pytest.mark.parametrize("name", [*COMMANDS, *MORE])
+def test_killed_at_every_step(store, keys, signed, run, place, name, torn):
     if name == "rollback to 1":
         store.deploy(signed["c"])
     prepared(store, keys, signed, name)
@@ -143,10 +169,10 @@ def test_killed_at_every_step(store, keys, signed, run, place, name):
     for step in range(1, 60):
         shutil.rmtree(store.path)
         shutil.copytree(saved, store.path)
-        code = run(name, step)
+        code = run(name, step, torn=torn)
         if code == 0:
             break
-        assert code == 9
+        assert code == (9 if torn is None else -signal.SIGKILL)
         found = state(store)
         assert found in (before, after), step
         seen.add(found == after)
@@ -156,21 +182,25 @@ def test_killed_at_every_step(store, keys, signed, run, place, name):
         if found == before and step % 3 == 1:
             assert run(name) == 0, "it can be repeated"
             assert state(store) == after
+        elif name != "distrust":
+            assert run("deploy") == 0, "the next one works"
+            assert load_running(store)[0].label == "c/3"
     else:
         pytest.fail("it never ended by itself")
     shutil.rmtree(saved)
-    assert step > 3 and False in seen
+    assert step > (1 if torn else 3) and False in seen
     hold_row(
-        "a command on the store is killed at any instant",
-        "the store is as before it or as after it, and its active model runs",
+        "a command on the store is killed at any instant, or at any of its system calls",
+        "the store is as before it or as after it, and its active model runs; the next works",
         "nothing",
     )
 
 
-def test_killed_during_the_very_first_deployment(store, run):
+@pytest.mark.parametrize("torn", KILLED.values(), ids=KILLED)
+def test_killed_during_the_very_first_deployment(store, run, torn):
     for step in range(1, 60):
         shutil.rmtree(store.path)
-        code = run("deploy", step)
+        code = run("deploy", step, torn=torn)
         if code == 0:
             break
         if store.path.is_dir() and store.active_entry() is not None:
@@ -179,7 +209,7 @@ def test_killed_during_the_very_first_deployment(store, run):
             refuses(r"no active model|does not exist", load_running, store)
         assert run("deploy") == 0
         assert store.active().label == "c/3"
-    assert code == 0 and step > 8
+    assert code == 0 and step > (3 if torn else 8)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
