@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from tests.waiting import MAX_S
-from tokt.cli import main
+from tokt.cli.app import main
 from tokt.features.common.errors import ToktError
 
 

@@ -1,4 +1,4 @@
-"""What verdicts depend on: the source, the policy with its model and calibration, the mask."""
+"""The parts that verdicts depend on: source, policy with model and calibration, mask, object."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What looks on at a run: its log, recording, metrics, live view and challenger, as parts."""
+"""The parts that look on at a run: its log, recording, metrics, live view and challenger."""
 
 from __future__ import annotations
 

@@ -7,8 +7,9 @@ import os
 import secrets
 import signal
 import socket
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
 from urllib.parse import quote
@@ -23,7 +24,7 @@ from tokt.labels.page.state.session import Session
 from .access import AccessRules
 from .app import create_app
 
-_LAST_ANSWERS_S = 1  # how long answers that are under way may take when the server ends
+_LAST_ANSWERS_S = 1  # how long answers and steps that are under way may take when the server ends
 _IDLE_S = 60  # how long a connection is kept for the next request
 
 
@@ -95,15 +96,14 @@ def _is_loopback(host: str) -> bool:
 
 
 class _PageServer(uvicorn.Server):
-    """A uvicorn server that says when it answers, and that open event streams do not hold up."""
+    """A uvicorn server that says when it answers, and that nothing under way holds up."""
 
-    def __init__(
-        self, config: uvicorn.Config, ready: Callable[[], None], ending: Callable[[], None]
-    ) -> None:
+    def __init__(self, config: uvicorn.Config, session: Session, ready: Callable[[], None]) -> None:
         super().__init__(config)
+        self._session = session
         self._ready = ready
-        self._ending = ending
-        self._asked_to_end = 0
+        self.end = threading.Timer(_LAST_ANSWERS_S, self._leave)
+        self.end.daemon = True
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -115,10 +115,6 @@ class _PageServer(uvicorn.Server):
         yield
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        # A picture may be read from a disk that hangs: the third one ends it all the same.
-        if self._asked_to_end == 1:
-            signal.signal(sig, signal.SIG_DFL)
-        self._asked_to_end += 1
         self.should_exit = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -126,16 +122,24 @@ class _PageServer(uvicorn.Server):
         self._ready()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self._ending()
+        self.end.start()
+        self._session.live.close()
         await super().shutdown(sockets)
+
+    def _leave(self) -> None:
+        """End the process: a large frame takes half a minute. A label that was answered is kept."""
+        self._session.jobs.close()
+        with suppress(ToktError):
+            self._session.store.fold_log()
+        os._exit(0)
 
 
 def serve(
     session: Session, listener: socket.socket, rules: AccessRules, ready: Callable[[], None]
 ) -> None:
-    """Serve `session` on a listening socket until SIGINT or SIGTERM, which stay taken.
+    """Serve `session` on a listening socket until SIGINT or SIGTERM, which stay taken; close it.
 
-    `ready` is called when the server answers.
+    `ready` is called when the server answers. The process ends if an answer takes too long.
     """
     config = uvicorn.Config(
         create_app(session, rules),
@@ -147,6 +151,8 @@ def serve(
         proxy_headers=False,
         server_header=False,
         timeout_keep_alive=_IDLE_S,
-        timeout_graceful_shutdown=_LAST_ANSWERS_S,
     )
-    _PageServer(config, ready, session.live.close).run([listener])
+    server = _PageServer(config, session, ready)
+    server.run([listener])
+    session.close()
+    server.end.cancel()

@@ -15,7 +15,7 @@ from typing import Any
 from tokt.features.common.errors import ToktError, os_errors_as
 
 RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
-GRACE_S = 5.0
+GRACE_S = 1.5
 """How long a command that is cancelled may put away what it began."""
 _NICE = 10
 _LINES, _LONG, _RESULT = 30, 2000, 5

@@ -17,10 +17,9 @@ from tokt.features.common.errors import ToktError, os_words
 from tokt.features.common.extras import missing_extra
 from tokt.features.common.terminal import live_without_terminal, open_standard_files, say
 
-from . import run
+from . import InterruptEnds, run
 from .completion import join_bash_words
 from .help import Commands
-from .interrupts import interrupt_ends
 
 _TRACEBACKS = 20  # files with tracebacks that are kept
 _ENTRY_POINTS = "tokt.commands"
@@ -146,7 +145,7 @@ def _app_for(arguments: list[str]) -> typer.Typer:
 
 def main() -> None:
     """Run the command line."""
-    with interrupt_ends():
+    with InterruptEnds():
         open_standard_files()
         if os.environ.get("_TOKT_COMPLETE") == "complete_bash":
             join_bash_words(os.environ)

@@ -17,8 +17,8 @@ from tokt.features.common.terminal import print_json, say
 from tokt.features.common.workspace import DEFAULT_WORKSPACE
 from tokt.labels.formats import NAMES
 
+from . import InterruptEnds
 from .help import Commands
-from .interrupts import interrupt_ends
 from .options import JsonOption, SharpFramesOption, TaxonomyOption, WorkspaceOption
 from .output import answer, progress
 from .output import print_line as print
@@ -95,7 +95,7 @@ def label(
     grid: Annotated[str, Option(help="Grid of patches to label.")] = "10x10@360",
 ) -> None:
     """Label a mission's patches in the browser, until Ctrl-C."""
-    with interrupt_ends():
+    with InterruptEnds():
         from tokt import __version__
         from tokt.features.common.address import kept_token
         from tokt.features.frames.grid import Grid
@@ -142,7 +142,6 @@ def label(
                 _open_browser(address.opens_once + view)
 
         serve(session, address.socket, address.rules, ready)
-        session.close()
 
 
 def _review(findings: Path, frames: Mission, grid: Grid, workspace: Path) -> str:

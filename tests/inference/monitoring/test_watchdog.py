@@ -170,7 +170,7 @@ def test_one_that_knows_no_sigterm_is_told_to_end(keep):
     """Windows has none: there it would kill, with a log half written."""
     kept = keep(
         "signal.signal(signal.SIGTERM, signal.SIG_IGN)\ntell('READY=1')\n"
-        f"said.touch() if sys.stdin.read() == {BEGINNING.decode()!r} else None"
+        f"said.touch() if sys.stdin.buffer.read()[8:] == {BEGINNING!r} else None"
     )
     kept.wait_until_ready()
     kept.dog.stop()
@@ -196,7 +196,7 @@ def test_what_the_one_before_said_is_no_sign_of_the_next(keep):
 
 def test_each_start_is_given_what_the_run_began_with(keep):
     kept = keep(
-        "given = sys.stdin.buffer.read(23)\nopen(f'{said}{life}', 'wb').write(given)\n"
+        "given = sys.stdin.buffer.read(31)[8:]\nopen(f'{said}{life}', 'wb').write(given)\n"
         "if life == 0: sys.exit(1)\ntell('READY=1')" + LOOP
     )
     kept.wait_until_ready()

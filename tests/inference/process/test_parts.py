@@ -181,6 +181,14 @@ def has_depth(sea: Sea, port: int) -> bool:
     return sea.next()["heading_deg"] == 90.0
 
 
+PORTS = {
+    "metrics": "another program has the port of `--metrics`",
+    "view": "another program has the port of `--view`",
+    "mavlink": "another program has the port of `--mavlink`",
+    "nmea": "another program has the port of `--nmea`",
+}
+
+
 class AtSea:
     """One run whose parts all had a fault as it was started again; what was said of each."""
 
@@ -230,18 +238,12 @@ class AtSea:
                 lambda: list(record.glob("run-*/recording.jsonl")),
             ),
             *(
-                PartFault(
-                    f"another program has the port of {what}",
-                    name,
-                    taken[name].take,
-                    taken[name].free,
-                    joined,
-                )
-                for name, what, joined in (
-                    ("metrics", "`--metrics`", lambda: is_served(self.ports["metrics"])),
-                    ("view", "`--view`", lambda: is_served(self.ports["view"])),
-                    ("mavlink", "`--mavlink`", lambda: answers(self.links["mavlink"])),
-                    ("nmea", "`--nmea`", lambda: has_depth(sea, self.links["nmea"])),
+                PartFault(PORTS[name], name, taken[name].take, taken[name].free, joined)
+                for name, joined in (
+                    ("metrics", lambda: is_served(self.ports["metrics"])),
+                    ("view", lambda: is_served(self.ports["view"])),
+                    ("mavlink", lambda: answers(self.links["mavlink"])),
+                    ("nmea", lambda: has_depth(sea, self.links["nmea"])),
                 )
             ),
             PartFault(
@@ -298,8 +300,7 @@ def at_sea(tmp_path_factory, dive, bundle_file) -> Iterator[AtSea]:
 ROWS = [
     "the log's folder is a file",
     "the recording's folder is a file",
-    *(f"another program has the port of `--{name}`" for name in ("metrics", "view")),
-    *(f"another program has the port of `--{name}`" for name in ("mavlink", "nmea")),
+    *PORTS.values(),
     "the folder of `--view-record` is gone",
     "the name of one of two receivers is not known any more",
 ]
@@ -422,16 +423,16 @@ def calibration_of_drawn(path: Path) -> Path:
 
 
 LATER = {
-    "the mask's picture is missing": ("mask", ("--mask", "mask.png")),
-    "the picture of the object to hold is missing": (
+    "the mask's picture is missing, with `--no-strict`": ("mask", ("--mask", "mask.png")),
+    "the picture of the object to hold is missing, with `--no-strict`": (
         "anchor-from",
         ("--anchor-from", "object.png:98,90,60,84"),
     ),
-    "the challenger's model is missing": (
+    "the challenger's model is missing, with `--no-strict`": (
         "shadow",
         ("--shadow", "other.tokt", "--shadow-log", "shadow.jsonl"),
     ),
-    "the calibration is missing, and texture has its model": (
+    "the calibration is missing, and texture has its model, with `--no-strict`": (
         "calibration",
         ("--calibration", "rig.yml"),
     ),
@@ -469,4 +470,4 @@ def test_a_file_that_is_missing_joins_once_it_is_there(without_files, bundle_fil
     until(lambda: re.search(f"--{option} .* is at work", sea.words()), sea.words)
     sea.until(lambda one: one["model"] and f"--{option}" not in one["health"])
     words = "as without it, and health names the part, which joins once it can"
-    hold_row(f"{row}, with `--no-strict`", words, "events `part_failed`, `part_joined`")
+    hold_row(row, words, "events `part_failed`, `part_joined`")

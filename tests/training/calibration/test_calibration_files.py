@@ -180,8 +180,11 @@ def test_a_run_reads_opencv_s_form_alone_and_names_the_command(tmp_path, name, c
     (tmp_path / name).write_bytes(content)
     said = refuses(f"is {form}: convert it first", load_calibration, tmp_path / name)
     assert f"`tokt calibrate {tmp_path / name} -o FILE.yml`" in said
-    about = ("--source", tmp_path, "--calibration", tmp_path / name, "--policy", "disparity")
-    assert f"is {form}: convert it first" in refused("", "run", *about)
+    write_mission(tmp_path / "dive", [[]])
+    about = ("--calibration", tmp_path / name, "--policy", "disparity")
+    assert f"is {form}: convert it first" in refused(
+        "", "run", "--source", tmp_path / "dive", *about
+    )
 
 
 @pytest.mark.parametrize(

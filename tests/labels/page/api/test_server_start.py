@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from tests.calls import refused, run_python
+from tests.inference.test_faults import hold_row
 from tests.waiting import MAX_S, until
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
@@ -78,6 +79,32 @@ def test_ctrl_c_twice_ends_it_in_order(page_server, tmp_path, wait_s):
     assert server.process.stdout.read() == "" == server.process.stderr.read()
     with LabelStore(tmp_path / "labels.db") as store:
         assert [record.label for record in store.current("tiny")] == ["ocean"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a file that is never read to its end")
+@pytest.mark.parametrize("suggests", [False, True], ids=["picture", "suggestion"])
+def test_ctrl_c_while_a_frame_takes_for_ever(page_server, tiny, tiny_bundle, tmp_path, suggests):
+    mission = tmp_path / "dive"
+    shutil.copytree(tiny.path, mission)
+    server = page_server(*(["--model", tiny_bundle] if suggests else []), mission=mission)
+    server.paint("c-1", 1, [5], "ocean")
+    frame = max((mission / "Left").iterdir(), key=lambda file: int(file.stem.rpartition("_")[2]))
+    number = int(frame.stem.rpartition("_")[2])
+    frame.unlink()
+    os.mkfifo(frame)
+    with closing(server.connect()) as asking:
+        asking.request("GET", f"/api/picture/left/{number}", headers=server.authority)
+        with frame.open("wb"):  # once somebody reads it; as long as it is open, that takes
+            server.process.send_signal(signal.SIGINT)
+            assert server.process.wait(MAX_S) == 0
+    assert server.process.stdout.read() == "" == server.process.stderr.read()
+    with LabelStore(server.workspace / "labels.db") as store:
+        assert [record.label for record in store.current(mission.name)] == ["ocean"]
+    hold_row(
+        "Ctrl-C or SIGTERM while `tokt label` works on a frame that takes long",
+        "ends within 3 s, code 0, nothing printed; labels that were answered are stored",
+        "nothing",
+    )
 
 
 def _check_nothing_heavy_is_loaded(process):
