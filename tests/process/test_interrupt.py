@@ -23,7 +23,7 @@ COMMANDS = {
     "train": f"train tiny --extractor lbp --preset plain {SPLIT}",
     "search": f"search tiny --budget 1 {SPLIT}",
     "evaluate": "evaluate tiny-lbp --mission MISSION --labels LABELS",
-    "compare": "compare tiny-lbp -o report.html",
+    "compare": "compare tiny-lbp second -o report.html",
     "labels import": "labels import LABELS",
     "labels audit": "labels audit tiny",
     "export": "export tiny-lbp -o m.tokt",
@@ -32,11 +32,13 @@ COMMANDS = {
     "doctor": "doctor",
 }
 ON_THE_MISSION = {
-    "calibrate": "calibrate PAIRS -o own.yml --frames 160-185",
-    "depth": "depth PAIRS --calibration CALIBRATION --ply cloud.ply --frames 160-185",
+    "calibrate": "calibrate PAIRS -o own.yml --frames 160-168",
+    "depth": "depth PAIRS --calibration CALIBRATION --ply cloud.ply --frames 160-168",
 }
-NO_WORKSPACE = ("deploy", "replay")
-RUN = "run --bundle BUNDLE --source MISSION --udp 127.0.0.1:9 --log run.jsonl"
+BEFORE = {
+    "replay": "run --bundle BUNDLE --source MISSION --udp 127.0.0.1:9 --log run.jsonl",
+    "compare": f"train tiny --extractor lbp --preset thesis --name second {SPLIT}",
+}
 
 
 @pytest.fixture(scope="module")
@@ -90,14 +92,12 @@ def test_at_any_moment(name, host, workspace, tiny, tiny_bundle, tmp_path, monke
         shutil.copytree(saved, workspace)
 
     monkeypatch.chdir(tmp_path)
-    saved = shutil.copytree(workspace, tmp_path / "saved")
     places = {"MISSION": tiny.path, "LABELS": tiny.labels, "BUNDLE": tiny_bundle}
-    if name == "replay":
-        assert run(host, filled(RUN))[0] == 0
-    words = filled(COMMANDS[name])
-    if name not in NO_WORKSPACE:
-        words += ["--workspace", workspace]
-    check(host, words, reset)
+    if name in BEFORE:
+        code, text = run(host, filled(BEFORE[name]))
+        assert code == 0, text
+    saved = shutil.copytree(workspace, tmp_path / "saved")
+    check(host, filled(COMMANDS[name]), reset)
 
 
 @pytest.mark.mission
