@@ -4,10 +4,7 @@ import _signal  # type: ignore[import-not-found]  # built in: `signal` would loo
 
 
 class InterruptEnds:
-    """Let Ctrl-C end the process at once and without a word, while there is nothing to put away.
-
-    A context manager. Whoever else handles Ctrl-C, or begins to within the block, keeps it.
-    """
+    """Context in which Ctrl-C ends the process at once, in silence; other handlers are kept."""
 
     def __enter__(self) -> None:
         self._before = _signal.getsignal(_signal.SIGINT)
@@ -59,7 +56,6 @@ with InterruptEnds():
     gc.freeze()
     gc.enable()
 
-__all__ = ["main"]
 _PUT_AWAY_S = 2.0  # how long a command may take to put away what it began
 
 
