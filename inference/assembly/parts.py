@@ -2,9 +2,9 @@
 
 ::
 
-    Parts.add ──> thread: open ──────────────────────> waits ──> Parts.join, between two frames
-                    │ fails: event, health, metrics      ^
-                    └──> pause 1, 2, 4, 5, 5 ... s ──────┘
+    add ──> thread: open ─────────────────────> waits ──> join, between two frames
+               ^     │ fails: event, health, metrics
+               └─────┴─ pause 1, 2, 4, 5, 5 ... s
 
 A run requires one part of each kind of `REQUIRED`: a source, a detector and a receiver. Every other
 part is optional, and so is a second receiver or a second detector: a run goes on without them.
@@ -63,7 +63,7 @@ class _Attempt:
     error: Exception | None = None
 
 
-class Parts:
+class RunParts:
     """Open the parts of a run, and put those that fail to work once they can be opened.
 
     Parameters

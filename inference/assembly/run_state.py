@@ -22,7 +22,7 @@ from tokt.inference.sources.files import MissionSource
 from tokt.inference.sources.open import is_camera_source
 from tokt.inference.sources.stream import is_stream_source
 
-from .parts import Parts
+from .parts import RunParts
 from .run_model import RunModel
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class RunState:
 
     def __post_init__(self) -> None:
         config = self.config
-        self.parts = Parts(SYSTEM_CLOCK, self.events.put, self.strict)
+        self.parts = RunParts(SYSTEM_CLOCK, self.events.put, self.strict)
         self.opened.callback(self.parts.close)
         self.vehicle = VehicleState(SYSTEM_CLOCK)
         self.counts = RunCounts(SYSTEM_CLOCK)

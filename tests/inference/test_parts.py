@@ -10,7 +10,7 @@ from tests.calls import refuses
 from tests.waiting import until
 from tokt.features.common.errors import ToktError, UnavailableError
 from tokt.inference.assembly import parts as parts_module
-from tokt.inference.assembly.parts import DETECTOR, RECEIVER, SOURCE, Part, Parts
+from tokt.inference.assembly.parts import DETECTOR, RECEIVER, SOURCE, Part, RunParts
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.report import Event
 
@@ -25,12 +25,12 @@ def short_pauses(monkeypatch):
 
 
 @pytest.fixture
-def run() -> Iterator[Callable[..., tuple[Parts, list[Event]]]]:
-    made: list[Parts] = []
+def run() -> Iterator[Callable[..., tuple[RunParts, list[Event]]]]:
+    made: list[RunParts] = []
 
-    def start(strict: bool = True) -> tuple[Parts, list[Event]]:
+    def start(strict: bool = True) -> tuple[RunParts, list[Event]]:
         told: list[Event] = []
-        made.append(Parts(SYSTEM_CLOCK, told.append, strict))
+        made.append(RunParts(SYSTEM_CLOCK, told.append, strict))
         return made[-1], told
 
     yield start

@@ -162,8 +162,9 @@ def test_two_senders_of_one_place(text, nmea, said, closed_port):
         assert [event.name for event in placed.events] == ["place_doubtful", "place_back"]
         assert placed.counts.warnings == {}
     placed.link.close()
-    which = "NMEA senders" if nmea else "senders with the autopilot's numbers"
-    fault = f"two {which}, each at its address, contradict each other"
+    fault = "two senders with the autopilot's numbers, each at its address, contradict each other"
+    if nmea:
+        fault = "two NMEA senders, each at its address, contradict each other"
     said = f"{SAID}; no place while they do and for 5 s"
     hold_row(fault, said, "events `place_doubtful`, `place_back`")
 

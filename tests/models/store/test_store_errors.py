@@ -184,8 +184,7 @@ def test_whose_signatures_count_is_said_after_each_error(option, store, disk, ke
         ends.add(ran.code)
     assert ends == {0, 2}
     hold_row(
-        "the disk fails at any step of `tokt store` with `--trust`, `--distrust` or "
-        "`--accept-unsigned`",
+        "the disk fails at any step of a change to the keys of a store",
         "before the keys are replaced: refused; after it: done, code 0, and a line for what failed",
         "nothing",
     )

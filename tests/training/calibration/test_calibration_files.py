@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.calls import refused, refuses, succeeds
+from tests.inference.conftest import write_mission
 from tests.inference.stereo.plain_rig import store_parts
 from tests.tiers import scaled
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
