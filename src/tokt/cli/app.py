@@ -158,7 +158,8 @@ def main() -> None:
 def run_app(commands: typer.Typer) -> None:
     """Run commands; an error is one line on stderr: exit code 2 for a user's mistake, else 70."""
     try:
-        code = commands(standalone_mode=False)
+        result = commands(standalone_mode=False)
+        code = result() if callable(result) else result  # what a command leaves to be done
     except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     except Exception as error:  # noqa: BLE001 - nobody is left to catch it

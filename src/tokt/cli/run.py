@@ -3,6 +3,8 @@
 import gc
 import os
 import sys
+from collections.abc import Callable
+from functools import partial
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,7 +28,7 @@ def run(
         bool, Option("--print-config", help="Print the options as such a file, and do not run.")
     ] = False,
     **values: Any,
-) -> None:
+) -> Callable[[], None] | None:
     """Judge every frame of a source and send the verdicts."""
     from tokt.inference.assembly.held_run import take_over
 
@@ -36,11 +38,16 @@ def run(
         options = RunConfig.of({} if config is None else read_config(config), written)
     if print_config:
         print(options.to_toml(), end="")
-        return
+        return None
     if not options.source.source:
         raise ToktError("Missing option '--source'.")
     if options.monitoring.watchdog:
         raise typer.Exit(_watched(options, config))
+    # Called once the command line is done with: below its many frames imports take longer.
+    return partial(_run_to_its_end, options)
+
+
+def _run_to_its_end(options: RunConfig) -> None:
     # What is imported stays: going through it for garbage takes a thirtieth of a start.
     gc.disable()
     from tokt.inference.assembly.run import run as run_to_its_end
