@@ -45,7 +45,7 @@ from tokt.inference.report import Report
 from tokt.inference.sources.files import read_picture
 from tokt.inference.stereo.odometry import Odometry, load_odometry
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import STATUS_WORDS, TEXTURE, status_table
+from tokt.inference.verdict import HEALTHY, STATUS_WORDS, TEXTURE, WITHOUT, status_table
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.pretrained.packaged import is_packaged, packaged_bundle
 from tokt.models.sight import sight_from_json
@@ -240,9 +240,13 @@ class Replay:
 
 
 def _same(name: str, replayed: Any, logged: Any) -> bool:
-    """Whether a field is the same to the last bit; of health the order of its parts is none."""
+    """Whether a field is the same to the last bit.
+
+    Of health the order of its words is none, and a part that was not at work is no verdict's.
+    """
     if name == "health":
-        return sorted(str(replayed).split("; ")) == sorted(str(logged).split("; "))
+        words = [word for word in str(logged).split("; ") if not word.startswith(WITHOUT)]
+        return sorted(str(replayed).split("; ")) == sorted(words or [HEALTHY])
     return repr(replayed) == repr(logged)
 
 

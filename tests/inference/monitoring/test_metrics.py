@@ -86,7 +86,8 @@ def test_a_run_s_numbers_are_all_there(
     refuse(senders["refused"])
     log = RunLog(tmp_path / "log.jsonl", "run-x")
     counts = RunCounts(SYSTEM_CLOCK)
-    metrics = serve(counts, SYSTEM_CLOCK, senders=senders, log=log)
+    faults = {"--record rec": "Not a directory"}
+    metrics = serve(counts, SYSTEM_CLOCK, senders=senders, log=log, faults=faults)
     before = scrape(metrics)
     assert ("tokt_status",) not in before and before["tokt_verdict_latency_seconds_count",] == 0
     folder = make_mission([[], [(4, 4)], [(1, 1)], []])
@@ -103,6 +104,7 @@ def test_a_run_s_numbers_are_all_there(
     assert found["tokt_datagrams_failed_total", "refused"] == 4
     assert found["tokt_datagrams_sent_total", "refused"] == 0
     assert found["tokt_log_lines_failed_total",] == 0
+    assert found["tokt_part_failing", "--record rec"] == 1
     for name in ("verdict_latency", "datagram_age"):
         assert found[f"tokt_{name}_seconds_count",] == 4
         assert found[f"tokt_{name}_seconds_bucket", "+Inf"] == 4

@@ -104,6 +104,22 @@ def test_an_anchor_is_sent_as_v2_and_logged_and_replayed(
     assert other.code == 1 and "anchor_size" in other.out
 
 
+def test_a_part_that_is_not_at_work_is_said_and_no_part_of_a_replay(
+    make_mission, bundle_file, receiver, tmp_path
+):
+    pytest.importorskip("prometheus_client")
+    folder, log = make_mission([[(4, 4)], [], [(2, 7)]]), tmp_path / "log.jsonl"
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        about = ("--format", "v2", "--log", log, "--metrics", port)
+        done = run_of(folder, bundle_file, receiver.getsockname()[1], *about)
+    assert f"--metrics is not at work: metrics cannot be served on 127.0.0.1:{port}" in done.err
+    health = [decode(receiver.recv(4096))["health"] for _ in range(3)]
+    assert all("without --metrics: metrics cannot be served" in words for words in health)
+    assert [line["health"] for line in lines(log)] == health
+    assert same_to_the_bit(log) == 3
+
+
 def test_an_object_is_named_by_a_box_in_a_frame_of_the_source(
     make_mission, bundle_file, receiver, tmp_path
 ):
