@@ -156,7 +156,8 @@ class ReportPublisher:
 
         def beat() -> None:
             while not stopped.wait(TICK_S):
-                self.heartbeat()
+                if self.senders:
+                    self.heartbeat()
 
         thread = threading.Thread(target=beat, name="tokt heartbeat", daemon=True)
         thread.start()

@@ -5,21 +5,34 @@ from contextlib import suppress
 from pathlib import Path
 
 _held: dict[str, bytes] = {}
-"""The content of each held file, by its absolute path."""
+"""The content of each held file, by its path as the run's options have it."""
+_listings: dict[str, bytes] = {}
+"""What stands for the content of what is too large to hold, such as a folder of frames."""
 
 
-def hold(files: Mapping[str, bytes]) -> None:
-    """Let `file_bytes` give these contents, by their files' absolute paths."""
+def hold(files: Mapping[str, bytes], listings: Mapping[str, bytes]) -> None:
+    """Let `file_bytes` give these contents, and `has_changed` compare these listings."""
     _held.update(files)
+    _listings.update(listings)
 
 
 def read_all(paths: Iterable[Path]) -> dict[str, bytes]:
-    """Read files, by their absolute paths; those that cannot be read are left out."""
+    """Read files, by their paths; what cannot be read, or is no regular file, is left out."""
     contents = {}
     for path in paths:
         with suppress(OSError):
-            contents[str(path.absolute())] = path.read_bytes()
+            if path.is_file():
+                contents[str(path)] = path.read_bytes()
     return contents
+
+
+def listing(path: Path) -> bytes:
+    """Return names, sizes and times of a file, or of those in a folder; empty where it is gone."""
+    with suppress(OSError):
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        stats = [(file.name, file.stat()) for file in files]
+        return repr([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats]).encode()
+    return b""
 
 
 def file_bytes(path: Path | str, at_most: int = -1) -> bytes:
@@ -27,12 +40,21 @@ def file_bytes(path: Path | str, at_most: int = -1) -> bytes:
 
     Of a file that is not held it reads `at_most` bytes, or all of them.
     """
-    path = Path(path)
-    held = _held.get(str(path.absolute())) if _held else None
+    held = _held.get(str(path))
     if held is not None:
         return held
-    with path.open("rb") as file:
+    with Path(path).open("rb") as file:
         return file.read(at_most)
+
+
+def is_held(path: Path) -> bool:
+    """Return whether `file_bytes` gives a file's content, be it gone meanwhile."""
+    return str(path) in _held
+
+
+def has_changed(path: Path) -> bool:
+    """Return whether a folder of frames is another one than when the run began."""
+    return str(path) in _listings and listing(path) != _listings[str(path)]
 
 
 def changed_files() -> Iterator[str]:

@@ -31,7 +31,7 @@ import numpy as np
 from tokt.features.common import atomic
 from tokt.features.common.arrays import F32, U8, Bools
 from tokt.features.common.errors import ToktError, check_format, naming, os_errors_as
-from tokt.features.common.held_files import file_bytes
+from tokt.features.common.held_files import file_bytes, is_held
 
 from .grid import DEFAULT_GRID, Grid
 from .image_file import SUFFIXES, read_image
@@ -358,7 +358,7 @@ def mask_file(mission: Path) -> Path:
 def read_masks(mission: Path) -> CameraMasks:
     """The masks of a dive; empty where none were made. Raises ToktError if they cannot be read."""
     path = mask_file(mission)
-    return _read_file(path) if path.exists() else CameraMasks()
+    return _read_file(path) if is_held(path) or path.exists() else CameraMasks()
 
 
 def write_masks(mission: Path, masks: CameraMasks) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
@@ -62,7 +63,15 @@ def _observer_part(state: RunState, option: str, opener: Callable[[RunState], Ob
         open=partial(opener, state),
         join=join,
         fault=lambda: state.looking[option].fault,
+        leave=partial(_take_out, state, option) if option == "shadow" else None,
     )
+
+
+def _take_out(state: RunState, option: str) -> None:
+    """Let an observer that has failed look on no more; on a thread, as it may take long to end."""
+    observer = state.looking[option]
+    state.observers.remove(observer)
+    threading.Thread(target=observer.close, daemon=True).start()
 
 
 def _open_log(state: RunState) -> RunLog:

@@ -13,9 +13,11 @@ part is optional, and so is a second receiver or a second detector: a run goes o
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 from tokt.features.common.address import without_credentials
@@ -48,6 +50,8 @@ class Part:
     kind: str = ""  # one of `REQUIRED`; empty for a part that is always optional
     strict: bool = False  # whether a strict start ends where it fails: verdicts depend on it
     fault: Callable[[], str] = str  # why a part that is at work fails at present, or ""
+    # Takes a part that fails out of work, so that it is opened again; None for one that recovers.
+    leave: Callable[[], None] | None = None
 
     @property
     def name(self) -> str:
@@ -55,12 +59,13 @@ class Part:
         return without_credentials(f"--{OPTIONS[self.option].key} {self.value}")
 
 
-@dataclass
 class _Attempt:
     """The first attempt to open a part."""
 
-    ended: threading.Event = field(default_factory=threading.Event)
-    error: Exception | None = None
+    def __init__(self, part: Part) -> None:
+        self.part = part
+        self.ended = threading.Event()
+        self.error: Exception | None = None
 
 
 class RunParts:
@@ -88,45 +93,56 @@ class RunParts:
         self._at_work: list[Part] = []
         self._closing = threading.Event()
 
-    def add(self, part: Part) -> None:
-        """Open a part and put it to work, or have it tried again.
+    def add(self, parts: Iterable[Part]) -> None:
+        """Open parts, all at once, and put them to work, or have them tried again.
 
-        A strict start waits for a part that verdicts depend on, and raises its error. Any other
-        part is waited for `PATIENCE_S` seconds at most. What the system refuses is reported, and
-        any other error, such as of an option's value, ends a strict start as well.
+        A strict start waits for each part that verdicts depend on, or of a required kind, and
+        raises its error. Other parts are waited for `PATIENCE_S` seconds at most. What the system
+        refuses is reported, and any other error, such as of an option's value, ends a strict start.
         """
-        if self._strict and part.strict:  # here: another thread's memory takes longer to get
-            self._opened.append((part, part.open()))
-            self.join()
-            return
-        attempt = _Attempt()
-        threading.Thread(
-            target=self._keep_trying, args=(part, attempt), name="tokt part", daemon=True
-        ).start()
-        if not attempt.ended.wait(PATIENCE_S):
-            self._fail(part, "it takes long to open")
-        error = attempt.error
-        refused = isinstance(error, OSError | UnavailableError)
-        if self._strict and error is not None and not refused:
-            raise error
+        attempts = []
+        for part in parts:
+            if self._strict and part.strict:
+                # On this thread: another one's memory takes longer to get.
+                self._opened.append((part, part.open()))
+                self.join()
+            else:
+                attempts.append(_Attempt(part))
+                self._start(attempts[-1])
+        patient_until_s = time.monotonic() + PATIENCE_S
+        for attempt in attempts:
+            required = self._strict and bool(attempt.part.kind)
+            left_s = max(patient_until_s - time.monotonic(), 0.0)
+            ended = attempt.ended.wait(None if required else left_s)
+            if not (ended or attempt.part.kind):
+                self._fail(attempt.part, f"it is not open after {PATIENCE_S:g} s")
+            error = attempt.error
+            refused = isinstance(error, OSError | UnavailableError)
+            if self._strict and error is not None and not refused:
+                raise error
         self.join()
 
-    def _keep_trying(self, part: Part, attempt: _Attempt) -> None:
-        pause_s = FIRST_PAUSE_S
-        while not self._closing.is_set():
+    def _start(self, attempt: _Attempt, pause_s: float = 0.0) -> None:
+        threading.Thread(
+            target=self._keep_trying, args=(attempt, pause_s), name="tokt part", daemon=True
+        ).start()
+
+    def _keep_trying(self, attempt: _Attempt, pause_s: float) -> None:
+        while not self._closing.wait(pause_s):
             try:
-                opened = part.open()
+                opened = attempt.part.open()
             # A defect in one part must cost this part alone, and never the run.
             except Exception as error:  # noqa: BLE001 - raised again by `add` in a strict start
                 attempt.error = error
-                self._fail(part, _words(error))
+                self._fail(attempt.part, _words(error))
             else:
-                self._opened.append((part, opened))
+                self._opened.append((attempt.part, opened))
+                if self._closing.is_set():
+                    self.close()
                 attempt.ended.set()
                 return
             attempt.ended.set()
-            self._closing.wait(pause_s)
-            pause_s = min(2 * pause_s, MAX_PAUSE_S)
+            pause_s = min(2 * pause_s, MAX_PAUSE_S) or FIRST_PAUSE_S
 
     def _fail(self, part: Part, words: str) -> None:
         if self.faults.get(part.name) == words or self._closing.is_set():
@@ -144,14 +160,20 @@ class RunParts:
                 part.join(opened)
             except ToktError as error:
                 self._fail(part, str(error))
+                _close(opened)
+                self._start(_Attempt(part), MAX_PAUSE_S)
                 continue
             self._at_work.append(part)
             self._recover(part)
-        for part in self._at_work:
-            if words := part.fault():
-                self._fail(part, words)
-            elif part.name in self.faults:
+        for part in list(self._at_work):
+            if not (words := part.fault()):
                 self._recover(part)
+                continue
+            self._fail(part, words)
+            if part.leave is not None:
+                part.leave()
+                self._at_work.remove(part)
+                self._start(_Attempt(part), MAX_PAUSE_S)
 
     def _recover(self, part: Part) -> None:
         if self.faults.pop(part.name, None) is not None:
@@ -179,9 +201,14 @@ class RunParts:
     def close(self) -> None:
         """Open nothing any more, and close what was opened too late to be put to work."""
         self._closing.set()
-        for _, opened in self._opened:
-            if hasattr(opened, "close"):
-                opened.close()
+        with suppress(IndexError):  # another thread closes the last one
+            while self._opened:
+                _close(self._opened.popleft()[1])
+
+
+def _close(opened: Any) -> None:
+    if hasattr(opened, "close"):
+        opened.close()
 
 
 def _words(error: Exception) -> str:

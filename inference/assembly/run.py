@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 import signal
+import threading
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -26,7 +27,7 @@ from tokt.inference.monitoring.watchdog import Notifier, restarts
 from tokt.inference.publisher import TICK_S, Sender
 from tokt.inference.reason import unknown_in_words
 from tokt.inference.recording.run_start import ModelName, RunStart, software
-from tokt.inference.report import START, Event
+from tokt.inference.report import START, Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.sources.open import is_camera_source
@@ -134,22 +135,22 @@ class _Assembler:
         was stopped before that.
         """
         state = self._state
-        self._add(receiver_parts(state))
-        self._await(RECEIVER)
         if state.strict:
+            self._add(receiver_parts(state))
+            self._await(RECEIVER)
             self._add_what_judges()
             self._add(observer_parts(state))
             return self._joined()
+        self._show_status()
         with state.publisher.heartbeat_thread():
-            self._add(observer_parts(state))
-            self._show_status()
+            self._add([*receiver_parts(state), *observer_parts(state)])
+            self._await(RECEIVER)
             self._add_what_judges()
             return self._joined()
 
     def _add(self, parts: Iterable[Part]) -> None:
-        for part in parts:
-            self._state.parts.add(part)
-            self._alive()
+        self._state.parts.add(parts)
+        self._alive()
 
     def _await(self, kind: str) -> None:
         """Wait until a part of a required kind is at work, or the run is stopped."""
@@ -202,8 +203,8 @@ class _Assembler:
         if config.model.store is not None and assembly.texture is not None:
             self._watch = open_model_watch(config.model.store, model, exchange, state.opened)
             state.observers.append(self._watch)
-        for words in changed_files():
-            state.events.put(Event(SYSTEM_CLOCK.time(), FILE_CHANGED, words))
+        # On a thread: a disk that hangs keeps no verdict waiting.
+        threading.Thread(target=_tell_changed_files, args=(state.events,), daemon=True).start()
         state.events.put(_start_event(state))
         state.publisher.live = source.live
         state.runtime = Runtime(
@@ -219,6 +220,7 @@ class _Assembler:
             masks=state.masks,
             publisher=state.publisher,
         )
+        state.opened.callback(state.parts.close)  # before what they would join is closed
         # What was made up to here stays: the collector need not go through it at sea.
         gc.freeze()
         return state.runtime
@@ -227,6 +229,11 @@ class _Assembler:
         self._state.parts.join()
         exchanged = () if self._watch is None else self._watch.exchange()
         return [*exchanged, *self._state.naming.take()]
+
+
+def _tell_changed_files(events: EventQueue) -> None:
+    for words in changed_files():
+        events.put(Event(SYSTEM_CLOCK.time(), FILE_CHANGED, words))
 
 
 def _say_masks(state: RunState) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.held_files import has_changed
 from tokt.features.frames.view_mask import CameraMasks
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import RunConfig
@@ -45,6 +46,8 @@ class RunModel:
 
         masks, blind = self._masks_of(bundle), self._wanted.accept_blind
         try:
+            if has_changed(place):
+                raise ToktError(f"{place} has changed since the run began")
             with os_errors_as(f"cannot read {place}"):
                 mission = open_mission(place)
                 self.sight = measure_sharp_frames(

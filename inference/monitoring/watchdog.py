@@ -182,8 +182,12 @@ class _Life:
         finally:
             os.close(theirs)
         # A runtime that hangs reads nothing and says nothing, and holds a thread each.
-        threading.Thread(target=self._read, args=(ours,), daemon=True).start()
-        threading.Thread(target=self._feed, args=(beginning,), daemon=True).start()
+        try:
+            threading.Thread(target=self._read, args=(ours,), daemon=True).start()
+            threading.Thread(target=self._feed, args=(beginning,), daemon=True).start()
+        except RuntimeError as error:  # no thread can be started
+            self.process.kill()
+            raise OSError(str(error)) from None
 
     def _read(self, pipe: int) -> None:
         with os.fdopen(pipe, "rb") as lines:

@@ -136,6 +136,7 @@ class LiveView(Observer):
             why = self._one_process()
             if self._ended.is_set():
                 return
+            self.fault = f"its process ended: {why}"
             self._say(VIEW_LOST, f"the live view is started again: {why}")
             if self._ended.wait(_PAUSE_S):
                 return
@@ -169,6 +170,7 @@ class LiveView(Observer):
 
     def _pass_on(self, connection: Connection) -> None:
         connection.recv()  # it has begun
+        self.fault = ""
         while True:
             self._hung_at = math.inf
             found = self._next()

@@ -82,7 +82,7 @@ class JsonLines:
         self.beginning: dict[str, dict[str, Any]] = {}
         self._tell = tell
         self._lines = 0  # in this file, of this process
-        self._is_anew = False
+        self._is_anew = self._is_gone = False
         self._path = Path(path)
         self._rotation = rotation
         self._lost = 0
@@ -105,15 +105,29 @@ class JsonLines:
         except (ValueError, TypeError, RecursionError) as error:
             self._fail(f"not JSON: {error}")
             return
-        self.look()
         try:
+            self._check_file()
             self._write(line)
         except OSError as error:
             self._fail(os_words(error))
             self.close()  # opened anew for the next line: the disk may have been taken out
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the file is open: it is not where it could not be opened again."""
+        return self._file is not None
+
     def look(self) -> None:
-        """Notice that the file is not the one that was opened, or was cut short."""
+        """Check that the file is still the one that was opened; open it where it is closed."""
+        try:
+            self._check_file()
+            if self._file is None:
+                self._open()
+        except OSError as error:
+            self.last_error = self.fault = os_words(error)
+            self.close()
+
+    def _check_file(self) -> None:
         if self._file is None:
             return
         ours = os.fstat(self._file.fileno())
@@ -131,10 +145,8 @@ class JsonLines:
         self.lose(lost, f"the file {what}")
         self._tell(f"log {self._path} {what} and is begun anew: {counted(lost, 'line')} lost")
         self._is_anew = True
+        self._is_gone = is_gone
         self.close()
-        if is_gone:  # a folder that is away as a whole, with its disk, may come back
-            with contextlib.suppress(OSError):  # told by the next line, which cannot be written
-                self._path.parent.mkdir(exist_ok=True)
 
     def lose(self, lines: int, why: str) -> None:
         """Say before the next line that so many are not there."""
@@ -164,7 +176,7 @@ class JsonLines:
         if written:
             self._torn = data[written - 1 : written] != b"\n"
         if written >= len(before):
-            self._lost, self._is_anew = 0, False
+            self._lost, self._is_anew, self._is_gone = 0, False, False
         if written < len(data):
             self._fail("the disk took a part of the line only")
         else:
@@ -190,6 +202,8 @@ class JsonLines:
         return file
 
     def _open(self) -> FileIO:
+        if self._is_gone:  # a folder that is away as a whole, with its disk, may come back
+            self._path.parent.mkdir(exist_ok=True)
         # Unbuffered: a line is the operating system's once `write` returns.
         self._file = file = self._path.open("ab", buffering=0)
         self._size, self._lines = os.fstat(file.fileno()).st_size, 0
@@ -247,7 +261,13 @@ class LinesApart:
     @property
     def fault(self) -> str:
         """Why lines are not on the disk at present."""
-        return _HANGS if self._untold else self._lines.fault
+        hangs = self._untold or not self._opened.is_set()
+        return _HANGS if hangs else self._lines.fault
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the file is open."""
+        return self._lines.is_open
 
     def look(self) -> None:
         """Do nothing: the thread looks after the file."""
@@ -373,10 +393,10 @@ def read_log(path: Path | str, gaps: list[LogGap] | None = None) -> Iterator[dic
 def _open_together(path: Path, opened: ExitStack) -> list[tuple[Path, BinaryIO]]:
     """The files, newest first, with no step to a next file while they were opened."""
     for _ in range(_TRIES):
-        newest = _identity(path)
+        newest = file_id(path)
         with ExitStack() as trial:
             files = _open_all(path, trial)
-            if _identity(path) == newest:
+            if file_id(path) == newest:
                 opened.push(trial.pop_all())
                 return files
     raise OSError("its files step on too fast")
@@ -395,7 +415,8 @@ def _open_all(path: Path, opened: ExitStack) -> list[tuple[Path, BinaryIO]]:
     return list(files.values())
 
 
-def _identity(path: Path) -> tuple[int, int] | None:
+def file_id(path: Path) -> tuple[int, int] | None:
+    """Return what tells a file from any other that has its name later; None without one."""
     try:
         status = path.stat()
     except FileNotFoundError:

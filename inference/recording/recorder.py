@@ -33,6 +33,7 @@ from tokt.inference.publisher import Observer
 from tokt.inference.report import MODEL, START, Event, Report
 
 from .clip_trigger import ClipTrigger
+from .log import file_id
 from .recording import DiskBudget, EncodedFrame, RecordingFolder
 from .run_log import event_line, frame_line
 
@@ -88,7 +89,7 @@ class RecordingWriter:
         make_folder: Callable[[], None],
     ) -> None:
         self.frames = self.written_bytes = self.removed_bytes = self.dropped = 0
-        self.fault = ""
+        self.fault = self._folder_fault = ""
         self._folder = folder
         self._run = run
         self._budget = budget
@@ -155,13 +156,17 @@ class RecordingWriter:
 
     def _look(self) -> None:
         """Notice that the recording was taken away, and make its folder anew."""
+        fault = ""
         try:
             self._folder.look()
             self._make_folder()
         except OSError as error:
-            self.fault = os_words(error)
+            fault = os_words(error)
         except ToktError as error:
-            self.fault = str(error)
+            fault = str(error)
+        if fault or self._folder_fault:
+            self.fault = fault
+        self._folder_fault = fault
 
     def _record(self, held: HeldFrame, clip: int) -> None:
         try:
@@ -273,11 +278,14 @@ class Recorder(Observer):
         )
 
     def _lock_folder(self) -> None:
-        self._opened.enter_context(locked(self.folder / _LOCK, _LOCK_WAIT_S))
+        lock = self.folder / _LOCK
+        self._opened.enter_context(locked(lock, _LOCK_WAIT_S))
+        self._lock_id = file_id(lock)
 
     def _make_folder(self) -> None:
-        """Make the folder again where it was taken away."""
-        if not (self.folder / _LOCK).exists():
+        """Make the folder again, and lock it, where it was taken away."""
+        if file_id(self.folder / _LOCK) != self._lock_id:
+            self._opened.close()
             self.folder.mkdir(exist_ok=True)
             self._lock_folder()
 

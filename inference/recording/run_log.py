@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tokt.features.common.arrays import F64, U8
+from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
@@ -100,7 +101,11 @@ class RunLog(Observer):
             tell(Event(SYSTEM_CLOCK.time(), LOG_LOST, words))
 
         self._frames = lines(path, rotation, tell=lost)
-        self._events = lines(events_path(path), rotation, tell=lost)
+        try:
+            self._events = lines(events_path(path), rotation, tell=lost)
+        except ToktError:
+            self._frames.close()
+            raise
 
     @property
     def failed(self) -> int:
@@ -110,7 +115,8 @@ class RunLog(Observer):
     @property
     def fault(self) -> str:  # type: ignore[override]
         """Why lines are not on the disk at present."""
-        return self._frames.fault or self._events.fault
+        # Events are few: whether one could be written now tells the state of their file.
+        return self._frames.fault or ("" if self._events.is_open else self._events.fault)
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """A frame's line."""

@@ -2,6 +2,8 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -66,7 +68,7 @@ class Opened:
 @pytest.mark.parametrize("error", [BUSY, OSError(28, "No space left on device"), PermissionError()])
 def test_what_the_system_refuses_is_told_once_and_tried_until_it_joins(run, strict, error):
     (parts, told), opened = run(strict), Opened(error)
-    parts.add(opened.part())
+    parts.add([opened.part()])
     until(lambda: opened.tries > 3)
     assert [event.name for event in told] == ["part_failed"] and not opened.joined
     assert told[0].fields == {"part": "--metrics 9100"}
@@ -80,25 +82,25 @@ def test_what_the_system_refuses_is_told_once_and_tried_until_it_joins(run, stri
 
 def test_a_mistake_ends_a_strict_start_alone(run):
     parts, _ = run(strict=True)
-    refuses("there is no such port", parts.add, Opened(MISTAKE).part())
+    refuses("there is no such port", parts.add, [Opened(MISTAKE).part()])
     (parts, told), opened = run(strict=False), Opened(MISTAKE)
-    parts.add(opened.part())
+    parts.add([opened.part()])
     until(lambda: opened.tries > 2)
     assert [event.words for event in told] == ["--metrics is not at work: there is no such port"]
 
 
 def test_a_defect_of_one_part_costs_that_part_alone(run):
     (parts, told), opened = run(strict=False), Opened(ZeroDivisionError("nobody thought of it"))
-    parts.add(opened.part())
+    parts.add([opened.part()])
     until(lambda: opened.tries > 2)
     assert told[0].words.endswith("ZeroDivisionError: nobody thought of it")
 
 
 def test_verdicts_depend_on_some_parts_and_a_strict_start_refuses_to_lack_them(run):
     parts, _ = run(strict=True)
-    refuses("the port is taken", parts.add, Opened(BUSY).part("mask", strict=True))
+    refuses("the port is taken", parts.add, [Opened(BUSY).part("mask", strict=True)])
     (parts, _), opened = run(strict=False), Opened(BUSY)
-    parts.add(opened.part("mask", strict=True))
+    parts.add([opened.part("mask", strict=True)])
     assert parts.health[1] == "without --mask"
 
 
@@ -106,7 +108,7 @@ def test_one_part_of_each_required_kind_is_enough(run):
     for strict in (True, False):
         (parts, _), lost, found = run(strict), Opened(BUSY), Opened()
         for value, opened in enumerate((lost, found)):
-            parts.add(opened.part("udp", value, kind=RECEIVER))
+            parts.add([opened.part("udp", value, kind=RECEIVER)])
         assert parts.has(RECEIVER) and found.joined == 1
         if strict:
             refuses("taken", parts.has, SOURCE)
@@ -118,8 +120,8 @@ def test_a_part_that_hangs_is_not_waited_for(run, monkeypatch):
     monkeypatch.setattr(parts_module, "PATIENCE_S", 0.01)
     (parts, told), opened = run(), Opened()
     opened.hangs.clear()
-    parts.add(opened.part("log"))
-    assert told[0].words == "--log is not at work: it takes long to open"
+    parts.add([opened.part("log")])
+    assert told[0].words == "--log is not at work: it is not open after 0.01 s"
     opened.hangs.set()
     until(lambda: (parts.join(), opened.joined)[1])
     assert told[-1].name == "part_joined"
@@ -127,7 +129,7 @@ def test_a_part_that_hangs_is_not_waited_for(run, monkeypatch):
 
 def test_a_part_that_fails_later_is_told_and_is_told_when_it_works_again(run):
     (parts, told), opened = run(), Opened()
-    parts.add(opened.part("log"))
+    parts.add([opened.part("log")])
     opened.fails = "No space left on device"
     for _ in range(3):
         parts.join()
@@ -146,8 +148,57 @@ def test_a_part_that_opens_too_late_is_closed(run):
             closed.append(1)
 
     opened = Late(BUSY)
-    parts.add(opened.part())
+    parts.add([opened.part()])
     opened.error = None
     until(lambda: parts._opened)
     parts.close()
     assert closed == [1] and not opened.joined
+
+
+def test_a_part_that_cannot_be_put_to_work_is_opened_again(run, monkeypatch):
+    """Such as a calibration of another size, which may be mended."""
+    (parts, told), closed = run(strict=False), []
+
+    class Unfit(Opened):
+        def join(self, opened: Any) -> None:
+            if self.tries < 3:
+                raise ToktError("it is of another size")
+            super().join(opened)
+
+        def close(self) -> None:
+            closed.append(1)
+
+    opened = Unfit()
+    parts.add([opened.part("calibration")])
+    assert told[0].words == "--calibration is not at work: it is of another size"
+    until(lambda: (parts.join(), opened.joined)[1])
+    assert opened.tries == 3 and closed == [1, 1] and parts.faults == {}
+
+
+def test_a_part_that_does_not_recover_is_opened_again(run):
+    """Such as a challenger whose process was killed."""
+    (parts, told), opened, left = run(), Opened(), []
+
+    def leave() -> None:
+        left.append(1)
+        opened.fails = ""
+
+    parts.add([replace(opened.part("shadow"), leave=leave)])
+    opened.fails = "its process was killed"
+    parts.join()
+    assert left == [1] and parts.health[1] == "without --shadow"
+    until(lambda: (parts.join(), opened.joined == 2)[1])
+    assert [event.name for event in told] == ["part_failed", "part_joined"]
+
+
+def test_parts_that_hang_are_waited_for_together(run, monkeypatch):
+    (parts, _), hung = run(strict=False), [Opened() for _ in range(20)]
+    for opened in hung:
+        opened.hangs.clear()
+    # No time passes: each is waited for until the same moment.
+    monkeypatch.setattr(parts_module, "time", SimpleNamespace(monotonic=lambda: 0.0))
+    monkeypatch.setattr(parts_module, "PATIENCE_S", 0.001)
+    parts.add(opened.part("udp", value) for value, opened in enumerate(hung))
+    assert all(opened.tries == 1 for opened in hung)
+    for opened in hung:
+        opened.hangs.set()

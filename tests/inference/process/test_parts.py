@@ -28,6 +28,7 @@ import pytest
 
 from tests.waiting import MAX_S, until
 from tokt.features.common.atomic import locked
+from tokt.features.frames.view_mask import CameraMasks, ViewMask, mask_file, write_masks
 from tokt.inference.links.autopilot import mavlink_dialect
 from tokt.inference.outputs.udp import decode
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
@@ -67,7 +68,7 @@ class Sea:
     ) -> None:
         self.receiver, self.folder = bound_socket(), folder
         self.said: list[dict[str, Any]] = []
-        self.errors = folder / "stderr"
+        self.errors = folder.with_name(f"{folder.name}-stderr")
         address = receiver or f"v2@127.0.0.1:{self.receiver.getsockname()[1]}"
         command = [sys.executable, "-m", "tokt", "run", "--udp", address, *map(str, options)]
         self.process = subprocess.Popen(
@@ -334,6 +335,41 @@ def test_a_restart_is_the_same_run(at_sea, row):
     assert re.search(changed, at_sea.sea.words())
     assert {one["model"] for one in at_sea.sea.said} - {None} == {"noise/7"}
     hold_row(row, "back with what the run began with", "event `file_changed`")
+
+
+def test_a_restart_needs_neither_its_folder_nor_what_lies_beside_the_frames(
+    dive, bundle_file, tmp_path
+):
+    home, source, sharp = tmp_path / "home", tmp_path / "dive", tmp_path / "sharp"
+    for folder in (home, source, sharp):
+        folder.mkdir()
+    for camera in ("Left", "Right"):
+        (source / camera).symlink_to(dive / camera)
+    for number in range(1, 6):
+        shutil.copy(dive / "Left" / f"t_L_{number}.jpg", sharp)
+    masked = ViewMask(((0.0, 0.0, 0.2, 0.2),))
+    write_masks(source, CameraMasks(masked, masked))
+    shutil.copy(bundle_file, home / "m.tokt")
+    sea = Sea(
+        home,
+        *("--watchdog", "--bundle", "m.tokt", "--policy", "texture", "--log", "log.jsonl"),
+        *("--source", source, "--rate", "4", "--sharp-frames", sharp, "--accept-blind"),
+    )
+    sight = sea.until(lambda one: one["model"])["sight"]
+    assert any(sight["masked"])
+    shutil.rmtree(home)
+    mask_file(source).unlink()
+    (sharp / "t_L_1.jpg").unlink()
+    again = sea.kill_runtime()
+    assert again["sight"]["masked"] == sight["masked"]
+    assert "sharp has changed since the run began" in again["health"]
+    until(lambda: f"{mask_file(source)} is gone since the run began" in sea.words())
+    sea.close()
+    back = "back with what the run began with"
+    hold_row("the folder in which tokt was started is deleted", back, "event `file_changed`")
+    hold_row("the mask beside the frames is deleted", back, "event `file_changed`")
+    words = "back; nothing is called clear, and health says why"
+    hold_row("the frames of `--sharp-frames` change", words, "nothing")
 
 
 MISSING = "unknown `no_frame` with the reason, until it is there"
