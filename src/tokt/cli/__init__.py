@@ -20,7 +20,12 @@ class InterruptEnds:
 
 
 def interrupt(*_signal_and_frame: object) -> None:
-    """Raise KeyboardInterrupt, as Python's own handler of Ctrl-C does."""
+    """Raise KeyboardInterrupt, as Python's own handler of Ctrl-C does.
+
+    Libraries log no more of what it cuts off, such as a cursor of a database.
+    """
+    if "logging" in sys.modules:
+        sys.modules["logging"].disable()
     raise KeyboardInterrupt
 
 
