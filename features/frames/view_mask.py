@@ -35,9 +35,9 @@ from tokt.features.common.held_files import file_bytes, is_held
 
 from .grid import DEFAULT_GRID, Grid
 from .image_file import SUFFIXES, read_image
+from .mask_file import MASK_FILE, mask_file
 
 FORMAT_VERSION = 1
-MASK_FILE = "tokt-mask.json"
 CAMERAS = ("left", "right")
 MASKED_PART = 0.1
 """Part of a patch's pixels. Less, such as the edge of a box beside the patch, leaves enough of it
@@ -348,11 +348,6 @@ def _read_file(path: Path) -> CameraMasks:
         except ValueError:
             raise ToktError("it is no JSON") from None
         return CameraMasks.from_json(value)
-
-
-def mask_file(mission: Path) -> Path:
-    """Where the mask of a dive's folder or video stands."""
-    return mission / MASK_FILE if mission.is_dir() else Path(f"{mission}.{MASK_FILE}")
 
 
 def read_masks(mission: Path) -> CameraMasks:

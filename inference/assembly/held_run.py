@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.held_files import hold, listing, read_all
-from tokt.features.frames.view_mask import mask_file
+from tokt.features.frames.mask_file import mask_file
 from tokt.inference.config import OPTIONS, RunConfig
 from tokt.inference.monitoring.watchdog import LENGTH, WATCHDOG_VARIABLE
 

@@ -23,7 +23,8 @@ from typing import Any
 
 from tokt.features.common.atomic import locked
 from tokt.features.common.errors import ToktError, counted, os_errors_as, os_words
-from tokt.features.frames.view_mask import mask_file, write_masks
+from tokt.features.frames.mask_file import mask_file
+from tokt.features.frames.view_mask import write_masks
 from tokt.inference.clock import Clock
 from tokt.inference.config import RecordingConfig
 from tokt.inference.frame import Frame

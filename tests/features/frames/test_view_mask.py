@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from tests.calls import refuses
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
+from tokt.features.frames.mask_file import mask_file
 from tokt.features.frames.mission import open_mission
 from tokt.features.frames.view_mask import (
     CameraMasks,
     ViewMask,
-    mask_file,
     parse_masks,
     read_masks,
     write_masks,

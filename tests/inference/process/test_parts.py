@@ -28,7 +28,8 @@ import pytest
 
 from tests.waiting import MAX_S, until
 from tokt.features.common.atomic import locked
-from tokt.features.frames.view_mask import CameraMasks, ViewMask, mask_file, write_masks
+from tokt.features.frames.mask_file import mask_file
+from tokt.features.frames.view_mask import CameraMasks, ViewMask, write_masks
 from tokt.inference.links.autopilot import mavlink_dialect
 from tokt.inference.outputs.udp import decode
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle

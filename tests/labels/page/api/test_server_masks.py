@@ -10,8 +10,9 @@ from tests.fixtures import write_video
 from tests.labels.page.conftest import TIME
 from tests.waiting import until
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.mask_file import mask_file
 from tokt.features.frames.mission import open_mission
-from tokt.features.frames.view_mask import CameraMasks, ViewMask, mask_file, read_masks, write_masks
+from tokt.features.frames.view_mask import CameraMasks, ViewMask, read_masks, write_masks
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch, write_audit
 from tokt.labels.store.store import FILE_NAME, LabelStore
 

@@ -9,7 +9,8 @@ import pytest
 from tests.labels.page.colours import contrast, luminance
 from tests.waiting import until
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.view_mask import mask_file, read_masks
+from tokt.features.frames.mask_file import mask_file
+from tokt.features.frames.view_mask import read_masks
 
 GRID = Grid()
 CLOCK = [7, 8, 9]
