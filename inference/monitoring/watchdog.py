@@ -63,7 +63,7 @@ class Notifier:
         self._systemd: socket.socket | None = None
         self._pipe: int | None = None
         path = environ.get(SYSTEMD_VARIABLE, "")
-        if path and sys.platform != "win32":
+        if path:
             # A leading @ is a name in Linux's abstract namespace: sd_notify(3).
             self._open("\0" + path[1:] if path.startswith("@") else path)
         pipe = environ.get(WATCHDOG_VARIABLE, "")
@@ -74,6 +74,8 @@ class Notifier:
             ).start()
 
     def _open(self, path: str) -> None:
+        if sys.platform == "win32":  # has no such sockets
+            return
         opened = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         opened.setblocking(False)
         try:
