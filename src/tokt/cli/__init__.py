@@ -19,11 +19,16 @@ class InterruptEnds:
             _signal.signal(_signal.SIGINT, self._before)
 
 
+interrupts: list[int] = []
+"""Each Ctrl-C that has come: a library may turn it into an error of its own."""
+
+
 def interrupt(*_signal_and_frame: object) -> None:
     """Raise KeyboardInterrupt, as Python's own handler of Ctrl-C does.
 
     Libraries log no more of what it cuts off, such as a cursor of a database.
     """
+    interrupts.append(_signal.SIGINT)
     if "logging" in sys.modules:
         sys.modules["logging"].disable()
     raise KeyboardInterrupt

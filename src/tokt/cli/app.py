@@ -163,6 +163,10 @@ def run_app(commands: typer.Typer) -> None:
     except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     except Exception as error:  # noqa: BLE001 - nobody is left to catch it
+        from . import interrupts
+
+        if interrupts:
+            sys.exit(130)
         message, code = _mistake(error), 2
         if message is None:
             message, code = _unexpected(error), 70
