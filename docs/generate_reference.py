@@ -21,7 +21,7 @@ from tokt.cli.app import whole_app
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import OPTIONS, Option
 from tokt.inference.monitoring.metrics import RunCollector
-from tokt.inference.monitoring.run_counts import RunCounts
+from tokt.inference.monitoring.run_counts import CountingParts, RunCounts
 from tokt.inference.reason import Reason
 from tokt.inference.recording.run_start import ModelName
 from tokt.inference.report import LOG_ONLY, MEANINGS, SINCE, V1_FIELDS, V2_FIELDS, ReportField
@@ -258,7 +258,15 @@ def metrics() -> str:
     counts.heartbeat_reasons["stale"] = counts.events["start"] = 1
     counts.model = ModelName("tower/3", "")
     counts.last_report = SimpleNamespace(verdict=SimpleNamespace(status=0))
-    collector = RunCollector(counts, SYSTEM_CLOCK, {"udp": _Counters()}, *[_Counters()] * 4)
+    counters: Any = _Counters()
+    collector = RunCollector(
+        counts,
+        SYSTEM_CLOCK,
+        senders={"udp": counters},
+        parts=CountingParts(log=counters, recorder=counters, cameras=counters),
+        drift=counters,
+        faults={"--log": "No space left on device"},
+    )
     rows = []
     for metric in collector.collect():
         labels = dict.fromkeys(name for one in metric.samples for name in one.labels)

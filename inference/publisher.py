@@ -7,7 +7,7 @@ such as while a detector hangs. One lock keeps their reports in order.
 import json
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -75,7 +75,7 @@ def mark_overloaded(verdict: Verdict, left_out: int) -> Verdict:
 
 
 def mark_parts(verdict: Verdict, words: Sequence[str]) -> Verdict:
-    """The same verdict, whose health names the parts of the run that are not at work.
+    """The same verdict, whose health names the parts of the run that are not working.
 
     In the first of the words for which there is room: what a replay compares is never cut short.
     """
@@ -87,13 +87,13 @@ def mark_parts(verdict: Verdict, words: Sequence[str]) -> Verdict:
 
 @dataclass(eq=False)
 class ReportPublisher:
-    """Number the reports and send each to every sender.
+    """Number the reports and send each to every sender, of which one may be added at any time.
 
     Only where frames come in real time, live, are they stale or late. `parts_health` gives the
-    parts of the run that are not at work: at length and in short words.
+    parts of the run that are not working: at length and in short words.
     """
 
-    senders: Sequence[Sender]
+    senders: Collection[Sender]
     clock: Clock
     limits: Limits
     live: bool
@@ -177,7 +177,7 @@ class ReportPublisher:
     def _send(self, report: Report, now: float) -> Report:
         self._seq = report.seq
         self._published_s = now
-        for sender in self.senders:
+        for sender in list(self.senders):
             sender.send(report)
         return report
 

@@ -5,7 +5,7 @@ docs/explanation/failsafe.md has the states it can be in, and what each fault co
 
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -167,7 +167,7 @@ class Runtime:
 
     source: Source
     policy: Policy
-    senders: Sequence[Sender]
+    senders: Collection[Sender]
     clock: Clock  # durations come from its `monotonic`
     observers: Sequence[Observer] = ()
     limits: Limits = Limits()  # noqa: RUF009 - frozen

@@ -84,7 +84,7 @@ one patch of a 10x10 grid (mean about 2.5) is far above it."""
 
 HEALTHY = "ok"
 WITHOUT = "without "
-"""Beginning of what a health text says of a part of the run that is not at work."""
+"""Beginning of what a health text says of a part of the run that is not working."""
 
 
 def status_table(counts: Counter[tuple[int, int]]) -> dict[str, dict[str, int]]:

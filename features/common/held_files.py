@@ -65,4 +65,4 @@ def changed_files() -> Iterator[str]:
         except OSError:
             changed = "is gone"
         if changed:
-            yield f"{name} {changed} since the run began, which goes on with what it began with"
+            yield f"{name} {changed} since the run began; the run keeps using the original"

@@ -86,26 +86,28 @@ def _whole(name: str, value: Any) -> Any:
     if name == "source" and Path(value).exists():
         return str(Path(value).absolute())
     if name == "mask" and value is not None:
-        return [_whole_at_end(text, start=text.partition(":")[0]) for text in value]
+        sides_and_paths = [_mask_path(text) for text in value]
+        return [
+            f"{side}{path.absolute()}" if path.is_file() else text
+            for text, (side, path) in zip(value, sides_and_paths, strict=True)
+        ]
     if name == "anchor_from" and value is not None:
         picture, _, box = value.rpartition(":")
         return f"{Path(picture).absolute()}:{box}" if Path(picture).is_file() else value
     return value
 
 
-def _whole_at_end(text: str, start: str) -> str:
-    side = f"{start}:" if start in ("left", "right") else ""
-    path = Path(text.removeprefix(side))
-    return f"{side}{path.absolute()}" if path.is_file() else text
+def _mask_path(text: str) -> tuple[str, Path]:
+    """Return what a mask's text begins with, ``left:``, ``right:`` or nothing, and its path."""
+    side = next((each for each in ("left:", "right:") if text.startswith(each)), "")
+    return side, Path(text.removeprefix(side))
 
 
 def _files_of(config: RunConfig) -> Iterable[Path]:
     """The files that verdicts depend on, as far as the options name files."""
     stereo, policy, source = config.stereo, config.policy, Path(config.source.source)
     named = [config.model.file, stereo.calibration, stereo.odometry, config.model.shadow]
-    for text in config.source.mask or []:
-        side, _, path = text.partition(":")
-        named.append(Path(path if side in ("left", "right") else text))
+    named += [_mask_path(text)[1] for text in config.source.mask or []]
     if policy.anchor_from is not None:
         named.append(Path(policy.anchor_from.rpartition(":")[0]))
     if mask_file(source).is_file():

@@ -6,7 +6,6 @@ import atexit
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -23,11 +22,12 @@ from tokt.inference.sources.files import MissionSource, open_source
 from tokt.inference.sources.open import is_camera_source, open_camera_source
 from tokt.inference.sources.stream import StreamSource, is_stream_source
 
-from .parts import DETECTOR, SOURCE, Part
+from .parts import DETECTOR, SOURCE, Part, close_if_open
 from .run_model import ModelExchange
 from .run_state import RunState
 
 if TYPE_CHECKING:
+    from tokt.inference.runtime import Runtime
     from tokt.models.bundle.bundle import Bundle
 
 _END_S = 1.0
@@ -35,13 +35,11 @@ _END_S = 1.0
 
 
 def source_part(state: RunState) -> Part:
-    """Where frames come from."""
+    """Return the source of the frames."""
 
     def join(source: Source) -> None:
         state.source = source
-        if not isinstance(source, MissionSource):
-            state.opened.enter_context(closing(source))  # type: ignore[type-var]
-        state.share()
+        state.opened.callback(close_if_open, source)
 
     return Part(
         option="source",
@@ -68,11 +66,13 @@ def _open_source(state: RunState) -> Source:
         atexit.register(signal.setitimer, signal.ITIMER_REAL, _END_S)
     # A run that is started again had its cameras: one that is gone now is lost, and no mistake.
     wanted = replace(wanted, wait=wanted.wait or not state.strict)
-    return open_camera_source(wanted, SYSTEM_CLOCK, state.events.put)
+    cameras = open_camera_source(wanted, SYSTEM_CLOCK, state.events.put)
+    state.counting.cameras = cameras
+    return cameras
 
 
 def policy_part(state: RunState) -> Part:
-    """The policy, once one of its detectors can judge."""
+    """Return the policy, which opens once one of its detectors can judge."""
 
     def join(assembly: Assembly) -> None:
         state.assembly = assembly
@@ -92,14 +92,14 @@ def policy_part(state: RunState) -> Part:
 
 def _assemble(state: RunState) -> Assembly:
     """Assemble the policy; without its model or its calibration where the other one can judge."""
-    config, pairs, fault = state.config, None, ""
+    config, pairs = state.config, None
     if config.stereo.calibration is not None:
         try:
-            pairs = _open_stereo(state)
+            pairs, state.stereo_fault = _open_stereo(state), ""
         except ToktError as error:
             if state.strict:
                 raise
-            fault = str(error)
+            state.stereo_fault = str(error)
     size = config.policy.anchor
     return assemble(
         name=config.policy.policy,
@@ -108,7 +108,7 @@ def _assemble(state: RunState) -> Assembly:
         threads=config.model.threads,
         anchor=None if size is None else Anchor(size),
         moving=config.policy.moving,
-        stereo_fault=fault,
+        stereo_fault=state.stereo_fault,
         alone=not state.strict,
     )
 
@@ -124,17 +124,16 @@ def _open_stereo(state: RunState) -> StereoSetup:
     return StereoSetup(calibration, stereo.stereo, stereo.stereo_scale, poses)
 
 
-def late_parts(state: RunState, exchange: ModelExchange) -> Iterator[Part]:
-    """What verdicts go on without: the mask, the object to hold, the other one of two detectors."""
+def late_parts(state: RunState, runtime: Runtime, exchange: ModelExchange) -> Iterator[Part]:
+    """Yield what a run can judge without: mask, object to hold, the other one of two detectors."""
     config, assembly = state.config, state.assembly
     assert assembly is not None
-    state.set_masks(state.masks_beside)
     if config.source.mask is not None:
         yield Part(
             option="mask",
             value=" ".join(config.source.mask),
             open=lambda: state.masks_of(state.model.bundle),
-            join=state.set_masks,
+            join=partial(setattr, runtime, "masks"),
             strict=True,
         )
     named = config.policy.anchor_from

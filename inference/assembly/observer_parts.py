@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from tokt.features.common.errors import UnavailableError
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def observer_parts(state: RunState) -> Iterator[Part]:
-    """Whoever looks on, in the order in which they are told."""
+    """Yield the log, the recording and what else observes the run."""
     state.observers.append(FixedMarksWatch(SYSTEM_CLOCK, state.events.put))
     state.observers.append(ClockWatch(SYSTEM_CLOCK, state.events.put))
     openers: dict[str, Callable[[RunState], Observer]] = {
@@ -43,33 +44,24 @@ def observer_parts(state: RunState) -> Iterator[Part]:
 
 
 def shadow_parts(state: RunState) -> Iterator[Part]:
-    """The challenger, which judges as the run's own model does.
-
-    It comes after the others: in a replay without a rate the loop waits for it.
-    """
+    """Yield the challenger, which comes last: in a replay without a rate the loop waits for it."""
     if state.config.model.shadow is not None:
         yield _observer_part(state, "shadow", _open_shadow)
 
 
 def _observer_part(state: RunState, option: str, opener: Callable[[RunState], Observer]) -> Part:
-    def join(observer: Observer) -> None:
-        state.looking[option] = observer
-        state.observe(observer)
-        state.share()
-
     return Part(
         option=option,
         value=state.config.value(option),
         open=partial(opener, state),
-        join=join,
-        fault=lambda: state.looking[option].fault,
-        leave=partial(_take_out, state, option) if option == "shadow" else None,
+        join=state.observe,
+        fault=attrgetter("fault"),
+        leave=partial(_take_out, state) if option == "shadow" else None,
     )
 
 
-def _take_out(state: RunState, option: str) -> None:
-    """Let an observer that has failed look on no more; on a thread, as it may take long to end."""
-    observer = state.looking[option]
+def _take_out(state: RunState, observer: Observer) -> None:
+    """Stop passing frames to an observer, and close it on a thread, as that may take long."""
     state.observers.remove(observer)
     threading.Thread(target=observer.close, daemon=True).start()
 
@@ -81,7 +73,7 @@ def _open_log(state: RunState) -> RunLog:
     recording = state.config.recording
     assert recording.log is not None
     rotation = LogRotation(recording.log_max_mb, recording.log_keep)
-    return RunLog(
+    state.counting.log = log = RunLog(
         path=recording.log,
         run=state.run_id,
         rotation=rotation,
@@ -89,6 +81,7 @@ def _open_log(state: RunState) -> RunLog:
         live=state.live,
         tell=state.events.put,
     )
+    return log
 
 
 def _open_recorder(state: RunState) -> Recorder:
@@ -96,7 +89,7 @@ def _open_recorder(state: RunState) -> Recorder:
 
     recording = state.config.recording
     assert recording.record is not None
-    return Recorder(
+    state.counting.recorder = recorder = Recorder(
         folder=recording.record,
         run=state.run_id,
         clock=SYSTEM_CLOCK,
@@ -105,6 +98,7 @@ def _open_recorder(state: RunState) -> Recorder:
         most_mb=recording.record_mb,
         tell=state.events.put,
     )
+    return recorder
 
 
 def _open_metrics(state: RunState) -> Metrics:
@@ -116,12 +110,11 @@ def _open_metrics(state: RunState) -> Metrics:
         counts=state.counts,
         clock=SYSTEM_CLOCK,
         senders=state.senders,
+        parts=state.counting,
         drift=state.drift,
         faults=state.parts.faults,
     )
-    metrics = Metrics(host, port, collector)
-    state.collector = collector
-    return metrics
+    return Metrics(host, port, collector)
 
 
 def _open_view(state: RunState) -> LiveView:

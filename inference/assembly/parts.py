@@ -18,6 +18,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from tokt.features.common.address import without_credentials
@@ -31,7 +32,7 @@ SOURCE, DETECTOR, RECEIVER = REQUIRED = "source", "detector", "receiver"
 """The kinds of parts of which a run needs one each."""
 
 PART_FAILED, PART_JOINED = "part_failed", "part_joined"
-"""Events: a part of the run cannot be opened, or fails; it is at work after it had failed."""
+"""Events: a part of the run cannot be opened, or fails; it works after it had failed."""
 
 FIRST_PAUSE_S, MAX_PAUSE_S = 1.0, 5.0
 """Seconds until a part is opened again: at first, and at most after the pause has doubled."""
@@ -49,14 +50,19 @@ class Part:
     join: Callable[[Any], None]  # puts what `open` returned to work; called between two frames
     kind: str = ""  # one of `REQUIRED`; empty for a part that is always optional
     strict: bool = False  # whether a strict start ends where it fails: verdicts depend on it
-    fault: Callable[[], str] = str  # why a part that is at work fails at present, or ""
-    # Takes a part that fails out of work, so that it is opened again; None for one that recovers.
-    leave: Callable[[], None] | None = None
+    fault: Callable[[Any], str] = lambda _: ""  # why what was opened fails at present, or ""
+    # Takes what fails out of work, so that it is opened again; None for what recovers by itself.
+    leave: Callable[[Any], None] | None = None
 
-    @property
+    @cached_property
     def name(self) -> str:
         """The name that people know it by: its option as on the command line."""
-        return without_credentials(f"--{OPTIONS[self.option].key} {self.value}")
+        return without_credentials(f"{self.key} {self.value}")
+
+    @property
+    def key(self) -> str:
+        """The option's name on the command line."""
+        return f"--{OPTIONS[self.option].key}"
 
 
 class _Attempt:
@@ -83,14 +89,14 @@ class RunParts:
     Attributes
     ----------
     faults : dict of str
-        By the part's name the reason why it is not at work. For any thread to read.
+        By the part's name the reason why it is not working. For any thread to read.
     """
 
     def __init__(self, clock: Clock, tell: Callable[[Event], None], strict: bool) -> None:
         self.faults: dict[str, str] = {}
         self._clock, self._tell, self._strict = clock, tell, strict
         self._opened: deque[tuple[Part, Any]] = deque()
-        self._at_work: list[Part] = []
+        self._working: list[tuple[Part, Any]] = []
         self._closing = threading.Event()
 
     def add(self, parts: Iterable[Part]) -> None:
@@ -148,9 +154,7 @@ class RunParts:
         if self.faults.get(part.name) == words or self._closing.is_set():
             return
         self.faults[part.name] = words
-        fields = {"part": part.name}
-        told = f"--{OPTIONS[part.option].key} is not at work: {words}"
-        self._tell(Event(self._clock.time(), PART_FAILED, told, fields))
+        self._report(PART_FAILED, part, f"{part.key} is not working: {words}")
 
     def join(self) -> None:
         """Put what was opened meanwhile to work; for the loop's thread, between two frames."""
@@ -160,30 +164,30 @@ class RunParts:
                 part.join(opened)
             except ToktError as error:
                 self._fail(part, str(error))
-                _close(opened)
+                close_if_open(opened)
                 self._start(_Attempt(part), MAX_PAUSE_S)
-                continue
-            self._at_work.append(part)
-            self._recover(part)
-        for part in list(self._at_work):
-            if not (words := part.fault()):
+            else:
+                self._working.append((part, opened))
+        for part, opened in list(self._working):
+            if not (words := part.fault(opened)):
                 self._recover(part)
                 continue
             self._fail(part, words)
             if part.leave is not None:
-                part.leave()
-                self._at_work.remove(part)
+                part.leave(opened)
+                self._working.remove((part, opened))
                 self._start(_Attempt(part), MAX_PAUSE_S)
 
     def _recover(self, part: Part) -> None:
-        if self.faults.pop(part.name, None) is not None:
-            fields = {"part": part.name}
-            told = f"{part.name} is at work"
-            self._tell(Event(self._clock.time(), PART_JOINED, told, fields))
+        if self.faults and self.faults.pop(part.name, None) is not None:
+            self._report(PART_JOINED, part, f"{part.name} is working")
+
+    def _report(self, event: str, part: Part, message: str) -> None:
+        self._tell(Event(self._clock.time(), event, message, {"part": part.name}))
 
     def has(self, kind: str) -> bool:
-        """Return whether a part of this kind is at work; ToktError if a strict start lacks it."""
-        if any(part.kind == kind for part in self._at_work):
+        """Return whether a part of this kind works; ToktError if a strict start lacks it."""
+        if any(part.kind == kind for part, _ in self._working):
             return True
         if self._strict:
             raise ToktError("; ".join(self.faults.values()))
@@ -191,7 +195,7 @@ class RunParts:
 
     @property
     def health(self) -> tuple[str, str]:
-        """The parts that are not at work, for the health of every verdict: at length, and short."""
+        """The parts that are not working, for the health of every verdict: at length, and short."""
         faults = [(name.partition(" ")[0], words) for name, words in list(self.faults.items())]
         if not faults:
             return "", ""
@@ -203,10 +207,11 @@ class RunParts:
         self._closing.set()
         with suppress(IndexError):  # another thread closes the last one
             while self._opened:
-                _close(self._opened.popleft()[1])
+                close_if_open(self._opened.popleft()[1])
 
 
-def _close(opened: Any) -> None:
+def close_if_open(opened: Any) -> None:
+    """Close what a part opened, if that is something to close."""
     if hasattr(opened, "close"):
         opened.close()
 

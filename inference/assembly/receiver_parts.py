@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring.receivers import PlaceWatch, ReceiverWatch
 from tokt.inference.outputs.udp import DEFAULT_RECEIVER, UdpSender, parse_receiver, version_of
+from tokt.inference.publisher import Sender
 
 from .parts import RECEIVER, Part
 from .run_state import RunState
@@ -20,26 +21,22 @@ if TYPE_CHECKING:
 
 
 def receiver_parts(state: RunState) -> Iterator[Part]:
-    """Each receiver, and what is heard of the vehicle."""
+    """Yield each receiver, and the link that tells the vehicle's place."""
     outputs = state.config.outputs
     state.observers.append(ReceiverWatch(state.senders, SYSTEM_CLOCK, state.events.put))
-    version = version_of(outputs.format)
-    for text in outputs.udp or [DEFAULT_RECEIVER]:
-        yield Part(
-            option="udp",
-            value=text,
-            open=partial(_open_udp, text, version),
-            join=partial(state.send_to, text),
-            kind=RECEIVER,
-        )
-    for text in outputs.mavlink or []:
-        yield Part(
-            option="mavlink",
-            value=text,
-            open=partial(_open_mavlink, state, text),
-            join=partial(state.send_to, text),
-            kind=RECEIVER,
-        )
+    receivers: dict[str, tuple[list[str], Callable[[RunState, str], Sender]]] = {
+        "udp": (outputs.udp or [DEFAULT_RECEIVER], _open_udp),
+        "mavlink": (outputs.mavlink or [], _open_mavlink),
+    }
+    for option, (texts, opener) in receivers.items():
+        for text in texts:
+            yield Part(
+                option=option,
+                value=text,
+                open=partial(opener, state, text),
+                join=partial(state.send_to, text),
+                kind=RECEIVER,
+            )
     nmea = state.config.source.nmea
     place = PlaceWatch(SYSTEM_CLOCK, state.events.put)
     if nmea is not None or outputs.mavlink:
@@ -53,8 +50,8 @@ def receiver_parts(state: RunState) -> Iterator[Part]:
         yield Part("nmea", nmea, open=partial(_open_nmea, state, nmea), join=join)
 
 
-def _open_udp(text: str, version: int) -> UdpSender:
-    receiver = parse_receiver(text, version)
+def _open_udp(state: RunState, text: str) -> UdpSender:
+    receiver = parse_receiver(text, version_of(state.config.outputs.format))
     return UdpSender(receiver.host, receiver.port, receiver.version)
 
 

@@ -12,14 +12,14 @@ import threading
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from tokt.features.common.address import without_credentials
 from tokt.features.common.errors import ToktError, counted
 from tokt.features.common.held_files import changed_files
 from tokt.features.common.terminal import print_json, real_stderr, say, stop_on_signal
 from tokt.features.frames.mission import frame_size
-from tokt.features.frames.view_mask import joined
+from tokt.features.frames.view_mask import CameraMasks, joined
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import RunConfig
 from tokt.inference.monitoring.status_line import StatusLine
@@ -45,7 +45,6 @@ from .run_state import RunState
 
 if TYPE_CHECKING:
     from tokt.inference.monitoring.reload import ModelReloader
-    from tokt.inference.recording.run_log import RunLog
 
 FILE_CHANGED = "file_changed"
 """Event: a file that the run began with is another one now, or gone."""
@@ -111,8 +110,8 @@ def run(config: RunConfig) -> Summary:
         if signals:  # a watchdog asks, too, after a Ctrl-C: what ends is not to be cut off
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
     summary.heartbeats += state.heartbeats
-    log = state.looking.get("log")
-    summary.log_failures = 0 if log is None else cast("RunLog", log).failed
+    log = state.counting.log
+    summary.log_failures = 0 if log is None else log.failed
     senders = state.senders.values()
     for line in (_words(summary, senders), *unknown_in_words(state.counts.unknown)):
         say(line)
@@ -127,6 +126,7 @@ class _Assembler:
     def __init__(self, state: RunState, notifier: Notifier) -> None:
         self._state, self._notifier = state, notifier
         self._watch: ModelReloader | None = None
+        self._status: StatusLine | None = None
 
     def runtime(self) -> Runtime | None:
         """Open all parts; ToktError where a strict start lacks one that it requires.
@@ -138,14 +138,14 @@ class _Assembler:
         if state.strict:
             self._add(receiver_parts(state))
             self._await(RECEIVER)
-            self._add_what_judges()
+            self._add_detectors()
             self._add(observer_parts(state))
             return self._joined()
         self._show_status()
         with state.publisher.heartbeat_thread():
             self._add([*receiver_parts(state), *observer_parts(state)])
             self._await(RECEIVER)
-            self._add_what_judges()
+            self._add_detectors()
             return self._joined()
 
     def _add(self, parts: Iterable[Part]) -> None:
@@ -153,12 +153,13 @@ class _Assembler:
         self._alive()
 
     def _await(self, kind: str) -> None:
-        """Wait until a part of a required kind is at work, or the run is stopped."""
+        """Wait until a part of a required kind is working, or the run is stopped."""
         state = self._state
-        while not (state.parts.has(kind) or state.stopped):
+        if not state.parts.has(kind):
             self._notifier.ready()  # a service manager would take a long start for a failure
+        while not (state.parts.has(kind) or state.stopped):
             self._alive()
-            state.look_round()
+            state.poll()
             SYSTEM_CLOCK.sleep(TICK_S)
 
     def _alive(self) -> None:
@@ -166,7 +167,7 @@ class _Assembler:
         if self._notifier.dismissed:
             self._state.stop()
 
-    def _add_what_judges(self) -> None:
+    def _add_detectors(self) -> None:
         self._add([source_part(self._state)])
         self._await(SOURCE)
         self._add([policy_part(self._state)])
@@ -176,15 +177,14 @@ class _Assembler:
 
     def _show_status(self) -> None:
         state = self._state
-        if state.status is not None:
+        if self._status is not None:
             return
         # Who writes to the terminal from now on writes across it.
         terminal = real_stderr()
         if terminal is not None and not terminal.isatty():
             terminal = None  # lines keep their order with those of others
-        state.status = StatusLine(state.counts, SYSTEM_CLOCK, terminal)
-        state.observe(state.status)
-        state.share()
+        self._status = StatusLine(state.counts, SYSTEM_CLOCK, terminal, state.counting)
+        state.observe(self._status)
 
     def _joined(self) -> Runtime | None:
         """Join source and policy, and add the parts that ask for both."""
@@ -192,12 +192,27 @@ class _Assembler:
         source, assembly = state.source, state.assembly
         if source is None or assembly is None or state.stopped:
             return None
+        state.publisher.live = source.live
+        runtime = Runtime(
+            source=source,
+            policy=assembly.policy,
+            senders=state.senders.values(),
+            clock=SYSTEM_CLOCK,
+            observers=state.observers,
+            limits=config.limits,
+            events=state.events,
+            between=self._between,
+            alive=self._alive,
+            masks=state.masks_beside,
+            publisher=state.publisher,
+        )
         exchange = ModelExchange(model, assembly, state.drift, config.model.threads)
-        self._add(late_parts(state, exchange))
+        self._add(late_parts(state, runtime, exchange))
         self._add(shadow_parts(state))
         for line in model.words():
             say(line)
-        _say_masks(state)
+        masks = runtime.masks or CameraMasks()
+        _say_masks(state, masks)
         self._show_status()
         state.drift.set_model(model.bundle)
         if config.model.store is not None and assembly.texture is not None:
@@ -205,25 +220,11 @@ class _Assembler:
             state.observers.append(self._watch)
         # On a thread: a disk that hangs keeps no verdict waiting.
         threading.Thread(target=_tell_changed_files, args=(state.events,), daemon=True).start()
-        state.events.put(_start_event(state))
-        state.publisher.live = source.live
-        state.runtime = Runtime(
-            source=source,
-            policy=assembly.policy,
-            senders=state.all_senders,
-            clock=SYSTEM_CLOCK,
-            observers=state.observers,
-            limits=config.limits,
-            events=state.events,
-            between=self._between,
-            alive=self._alive,
-            masks=state.masks,
-            publisher=state.publisher,
-        )
+        state.events.put(_start_event(state, masks))
         state.opened.callback(state.parts.close)  # before what they would join is closed
         # What was made up to here stays: the collector need not go through it at sea.
         gc.freeze()
-        return state.runtime
+        return runtime
 
     def _between(self) -> Sequence[Event]:
         self._state.parts.join()
@@ -236,9 +237,9 @@ def _tell_changed_files(events: EventQueue) -> None:
         events.put(Event(SYSTEM_CLOCK.time(), FILE_CHANGED, words))
 
 
-def _say_masks(state: RunState) -> None:
+def _say_masks(state: RunState, masks: CameraMasks) -> None:
     """Say what is no view in a run, and where that is not what one would expect."""
-    masks, beside, model = state.masks, state.masks_beside, state.model.bundle
+    beside, model = state.masks_beside, state.model.bundle
     if masks:
         say(masks.words())
     if beside and masks != beside:
@@ -273,10 +274,10 @@ def _check_pictures(state: RunState) -> None:
         )
 
 
-def _start_event(state: RunState) -> Event:
+def _start_event(state: RunState, masks: CameraMasks) -> Event:
     """How the run begins, for the log."""
     config, model, named = state.config, state.model, state.config.source.source
-    bundle, masks = model.bundle, state.masks
+    bundle = model.bundle
     is_kept = config.recording.log is not None or config.recording.record is not None
     is_path = not (is_camera_source(named) or is_stream_source(named))
     start = RunStart.of(
@@ -287,6 +288,7 @@ def _start_event(state: RunState) -> Event:
         model=None if bundle is None else ModelName(bundle.label, bundle.sha256),
         model_fault=model.fault,
         model_note=model.note,
+        stereo_fault=state.stereo_fault,
         masks=masks.to_json() if masks else None,
         sight=None if model.sight is None else sight_to_json(model.sight),
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),

@@ -29,15 +29,11 @@ from tokt.features.common.extras import needed_by
 from tokt.inference.clock import Clock
 from tokt.inference.publisher import Observer, Sender
 
-from .run_counts import BOUNDS_S, Histogram, RunCounts
+from .run_counts import BOUNDS_S, CountingParts, Histogram, RunCounts
 
 if TYPE_CHECKING:
     from prometheus_client import MetricsHandler
     from prometheus_client.metrics_core import Metric
-
-    from tokt.inference.recording.recorder import Recorder
-    from tokt.inference.recording.run_log import RunLog
-    from tokt.inference.sources.cameras.live_source import CameraSource
 
     from .drift import DriftMonitor
 
@@ -72,9 +68,7 @@ class RunCollector:
     counts: RunCounts
     clock: Clock
     senders: Mapping[str, Sender] = field(default_factory=dict)  # by receiver
-    log: RunLog | None = None
-    recorder: Recorder | None = None
-    cameras: CameraSource | None = None
+    parts: CountingParts = field(default_factory=CountingParts)
     drift: DriftMonitor | None = None
     faults: Mapping[str, str] = field(default_factory=dict)  # of the run's parts, by their names
 
@@ -130,17 +124,19 @@ class RunCollector:
 
     def _parts(self) -> Iterator[Metric]:
         failing = dict.fromkeys(dict(self.faults), 1.0)
-        yield _gauge("part_failing", "A part of the run is not at work.", failing, "part")
+        yield _gauge("part_failing", "A part of the run is not working.", failing, "part")
 
     def _log(self) -> Iterator[Metric]:
-        if self.log is not None:
-            yield _counter("log_lines_failed", "Lines that could not be logged.", self.log.failed)
+        if self.parts.log is not None:
+            failed = self.parts.log.failed
+            yield _counter("log_lines_failed", "Lines that could not be logged.", failed)
 
     def _recorder(self) -> Iterator[Metric]:
-        if self.recorder is None:
+        recorder = self.parts.recorder
+        if recorder is None:
             return
-        writer = self.recorder.writer
-        yield _counter("recorder_moments", "Moments opened.", self.recorder.clips)
+        writer = recorder.writer
+        yield _counter("recorder_moments", "Moments opened.", recorder.clips)
         yield _counter("recorder_frames", "Frames recorded.", writer.frames)
         yield _counter("recorder_frames_dropped", "Frames that could not be.", writer.dropped)
         yield _counter("recorder_bytes", "Bytes recorded.", writer.written_bytes)
@@ -149,13 +145,14 @@ class RunCollector:
         yield _gauge("recorder_failing", "Frames are being left out.", bool(writer.fault))
 
     def _cameras(self) -> Iterator[Metric]:
-        if self.cameras is None:
+        cameras = self.parts.cameras
+        if cameras is None:
             return
-        sides = list(zip(("left", "right"), self.cameras.counts, strict=False))
+        sides = list(zip(("left", "right"), cameras.counts, strict=False))
         for name, words in _CAMERA_COUNTS.items():
             values = {side: getattr(counts, name) for side, counts in sides}
             yield _counter(f"camera_{name}", words, values, "camera")
-        drivers = zip(("left", "right"), self.cameras.drivers, strict=False)
+        drivers = zip(("left", "right"), cameras.drivers, strict=False)
         failures = {side: driver.failures for side, driver in drivers}
         yield _counter("camera_failures", "Captures lost to an error.", failures, "camera")
         back = self.counts.events.get("camera_back", 0)

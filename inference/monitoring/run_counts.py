@@ -4,8 +4,12 @@ No lock: one thread writes, and whoever reads takes whole values (a number, a co
 values read one after the other may be one frame apart.
 """
 
+from __future__ import annotations
+
 from bisect import bisect_left
 from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from tokt.inference.clock import Clock
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -14,6 +18,11 @@ from tokt.inference.publisher import Observer
 from tokt.inference.recording.run_start import ModelName
 from tokt.inference.report import MODEL, START, Event, Report
 from tokt.inference.verdict import STATUS_WORDS, UNKNOWN
+
+if TYPE_CHECKING:
+    from tokt.inference.recording.recorder import Recorder
+    from tokt.inference.recording.run_log import RunLog
+    from tokt.inference.sources.cameras.live_source import CameraSource
 
 BOUNDS_S = (
     *(0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.075),
@@ -29,6 +38,15 @@ _WARNINGS = (
     "place_doubtful",
     "drift",
 )
+
+
+@dataclass(eq=False)
+class CountingParts:
+    """The parts of a run that count for themselves; each may join it at any time."""
+
+    log: RunLog | None = None
+    recorder: Recorder | None = None
+    cameras: CameraSource | None = None
 
 
 class Histogram:

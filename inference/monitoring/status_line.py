@@ -12,7 +12,7 @@ import os
 import sys
 import threading
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, TextIO
 
@@ -23,13 +23,11 @@ from tokt.inference.reason import Reason
 from tokt.inference.report import Event
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
 
-from .run_counts import RunCounts
+from .run_counts import CountingParts, RunCounts
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
-
-    from tokt.inference.recording.recorder import Recorder
 
 PERIOD_S = 0.2
 """Between two updates."""
@@ -51,7 +49,7 @@ class StatusLine(Observer):
     counts: RunCounts  # an observer of the run, told before this one
     clock: Clock
     stream: TextIO | None = None  # default: standard error; where it is no terminal, events alone
-    recorder: Recorder | None = None
+    parts: CountingParts = field(default_factory=CountingParts)
 
     def __post_init__(self) -> None:
         stream = sys.stderr if self.stream is None else self.stream
@@ -124,8 +122,9 @@ class StatusLine(Observer):
             line.append(f"  latency {last.latency_ms:.0f} ms")
         line.append(f"  {self._rate(now):.1f} fps  {self._tally()}")
         line.append(f"  {'no model' if counts.model is None else counts.model.label}")
-        if self.recorder is not None:
-            fault, frames = self.recorder.writer.fault, self.recorder.writer.frames
+        if self.parts.recorder is not None:
+            writer = self.parts.recorder.writer
+            fault, frames = writer.fault, writer.frames
             words = f"NOT recording: {fault}" if fault else f"{frames} recorded"
             line.append(f"  {words}", "yellow" if fault else "")
         if verdict.reason is not Reason.OK:

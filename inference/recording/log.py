@@ -61,9 +61,9 @@ class JsonLines:
     A line that cannot be written is counted and does not stop the runtime. The first one that can
     be again follows a line ``{"lost_lines": 12, "why": "No space left on device"}``.
 
-    A file that somebody deletes, replaces or cuts short is begun anew, in its folder, and the lines
-    of this process that were in it are counted as lost; `tell` is given a line for people. The
-    new file starts with the lines in `beginning`.
+    A file that somebody deletes, replaces or cuts short is opened again, and the lines of this
+    process that were in it are counted as lost; `tell` is given a line for people. The new file
+    starts with the lines in `header_lines`.
 
     One process at a time writes the file; without a rotation it grows without end. ToktError if it
     cannot be opened, unless that is left for later: to `open`, or to the first line.
@@ -79,10 +79,10 @@ class JsonLines:
         self.failed = 0  # lines that could not be written, such as on a full disk
         self.last_error = ""  # what went wrong last, lines lost or not
         self.fault = ""  # why the newest line is not on the disk
-        self.beginning: dict[str, dict[str, Any]] = {}
+        self.header_lines: dict[str, dict[str, Any]] = {}
         self._tell = tell
         self._lines = 0  # in this file, of this process
-        self._is_anew = self._is_gone = False
+        self._reopened = self._is_gone = False
         self._path = Path(path)
         self._rotation = rotation
         self._lost = 0
@@ -143,8 +143,8 @@ class JsonLines:
         what = "was cut short" if is_ours else "was deleted" if is_gone else "was moved away"
         self.failed += lost
         self.lose(lost, f"the file {what}")
-        self._tell(f"log {self._path} {what} and is begun anew: {counted(lost, 'line')} lost")
-        self._is_anew = True
+        self._tell(f"log {self._path} {what} and is reopened: {counted(lost, 'line')} lost")
+        self._reopened = True
         self._is_gone = is_gone
         self.close()
 
@@ -165,8 +165,8 @@ class JsonLines:
         if self._rotation and self._size and self._size + len(line) > self._rotate_at:
             file = self._rotate(self._rotation)
         before = b"\n" if self._torn else b""
-        if self._is_anew:
-            before += b"".join(map(json_line, self.beginning.values()))
+        if self._reopened:
+            before += b"".join(map(json_line, self.header_lines.values()))
         if self._lost:
             lost = {"lost_lines": self._lost, "why": self.last_error}
             before += json_line(lost)
@@ -176,7 +176,7 @@ class JsonLines:
         if written:
             self._torn = data[written - 1 : written] != b"\n"
         if written >= len(before):
-            self._lost, self._is_anew, self._is_gone = 0, False, False
+            self._lost, self._reopened, self._is_gone = 0, False, False
         if written < len(data):
             self._fail("the disk took a part of the line only")
         else:
@@ -237,7 +237,7 @@ class LinesApart:
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._lines = JsonLines(path, rotation, later=True, tell=tell)
-        self.beginning = self._lines.beginning
+        self.header_lines = self._lines.header_lines
         self._fault: ToktError | None = None
         self._left_out = self._untold = self._given = self._written = 0
         self._waiting: queue.Queue[dict[str, Any] | int | None] = queue.Queue(_MAX_WAITING)
@@ -270,7 +270,7 @@ class LinesApart:
         return self._lines.is_open
 
     def look(self) -> None:
-        """Do nothing: the thread looks after the file."""
+        """Do nothing: the writing thread checks the file."""
 
     def write(self, value: dict[str, Any]) -> None:
         """Have one line added, or count why not."""

@@ -374,7 +374,7 @@ class Recorder(Observer):
         if self._recording.taken > self._told_taken:
             taken = self._recording.taken - self._told_taken
             self._told_taken = self._recording.taken
-            words = f"the recording was taken away and begins anew: {counted(taken, 'frame')} gone"
+            words = f"the recording was taken away and restarted: {counted(taken, 'frame')} gone"
             self._say(words, {"taken": taken})
         fault = self.writer.fault
         now = self.clock.monotonic()

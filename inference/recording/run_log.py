@@ -20,7 +20,7 @@ from tokt.inference.report import LOG_ONLY, MODEL, START, Event, Report, filler
 from .log import JsonLines, LinesApart, LogRotation
 
 LOG_LOST = "log_lost"
-"""Event: a file of the log was deleted, replaced or cut short, and is begun anew."""
+"""Event: a file of the log was deleted, replaced or cut short, and is reopened."""
 
 _log_only = filler(LOG_ONLY)
 
@@ -137,7 +137,7 @@ class RunLog(Observer):
         line = event_line(self._run, self._seq, event)
         self._events.write(line)
         if event.name in (START, MODEL):  # without which no frame is judged again
-            self._events.beginning[event.name] = line
+            self._events.header_lines[event.name] = line
 
     def close(self) -> None:
         """Close both files."""

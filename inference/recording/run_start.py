@@ -94,6 +94,7 @@ class RunStart:
     # What the frames of --sharp-frames show, as `sight_to_json` gives it: no sizes where they were
     # gone as a watchdog started the run again. None without that option.
     sight: Mapping[str, Any] | None = None
+    stereo_fault: str = ""  # why there was no calibration where there should have been one
     software: Mapping[str, str] = field(default_factory=software)
 
     @classmethod
@@ -141,6 +142,7 @@ _LATER = {
     "moving": None,
     "masks": None,
     "sight": None,
+    "stereo_fault": "",
 }
 """What the first logs do not have."""
 _READ: dict[str, Callable[[Any], Any]] = {

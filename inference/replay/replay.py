@@ -151,7 +151,14 @@ class Replay:
             load = None
         anchor = None if start.anchor is None else Anchor(start.anchor)
         assembly = assemble(
-            start.policy, load, self.stereo, stopwatch=stopwatch, anchor=anchor, moving=start.moving
+            name=start.policy,
+            load_model=load,
+            stereo=self.stereo,
+            stopwatch=stopwatch,
+            anchor=anchor,
+            moving=start.moving,
+            stereo_fault=start.stereo_fault,
+            alone=bool(start.model_fault),
         )
         if assembly.texture is not None:
             assembly.texture.note = start.model_note
@@ -242,7 +249,7 @@ class Replay:
 def _same(name: str, replayed: Any, logged: Any) -> bool:
     """Whether a field is the same to the last bit.
 
-    Of health the order of its words is none, and a part that was not at work is no verdict's.
+    Of health the order of its words is none, and a part that was not working is no verdict's.
     """
     if name == "health":
         words = [word for word in str(logged).split("; ") if not word.startswith(WITHOUT)]

@@ -856,7 +856,7 @@ def test_a_recording_whose_folder_is_deleted_begins_anew(tmp_path):
     outcome = finish(dive)
     recorder.close()
     assert list(folder.glob("a-run/Left/*.png"))
-    assert any("begins anew" in event.words for event in told)
+    assert any("was taken away and restarted" in event.words for event in told)
     row("the recording's folder is deleted", outcome, "event `recording` with the frames gone")
 
 

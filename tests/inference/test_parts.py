@@ -61,7 +61,7 @@ class Opened:
         self.joined += 1
 
     def part(self, option: str = "metrics", value: int = 9100, **more: Any) -> Part:
-        return Part(option, value, self.open, self.join, fault=lambda: self.fails, **more)
+        return Part(option, value, self.open, self.join, fault=lambda opened: opened.fails, **more)
 
 
 @pytest.mark.parametrize("strict", [False, True])
@@ -86,7 +86,7 @@ def test_a_mistake_ends_a_strict_start_alone(run):
     (parts, told), opened = run(strict=False), Opened(MISTAKE)
     parts.add([opened.part()])
     until(lambda: opened.tries > 2)
-    assert [event.words for event in told] == ["--metrics is not at work: there is no such port"]
+    assert [event.words for event in told] == ["--metrics is not working: there is no such port"]
 
 
 def test_a_defect_of_one_part_costs_that_part_alone(run):
@@ -121,7 +121,7 @@ def test_a_part_that_hangs_is_not_waited_for(run, monkeypatch):
     (parts, told), opened = run(), Opened()
     opened.hangs.clear()
     parts.add([opened.part("log")])
-    assert told[0].words == "--log is not at work: it is not open after 0.01 s"
+    assert told[0].words == "--log is not working: it is not open after 0.01 s"
     opened.hangs.set()
     until(lambda: (parts.join(), opened.joined)[1])
     assert told[-1].name == "part_joined"
@@ -170,7 +170,7 @@ def test_a_part_that_cannot_be_put_to_work_is_opened_again(run, monkeypatch):
 
     opened = Unfit()
     parts.add([opened.part("calibration")])
-    assert told[0].words == "--calibration is not at work: it is of another size"
+    assert told[0].words == "--calibration is not working: it is of another size"
     until(lambda: (parts.join(), opened.joined)[1])
     assert opened.tries == 3 and closed == [1, 1] and parts.faults == {}
 
@@ -179,7 +179,8 @@ def test_a_part_that_does_not_recover_is_opened_again(run):
     """Such as a challenger whose process was killed."""
     (parts, told), opened, left = run(), Opened(), []
 
-    def leave() -> None:
+    def leave(failed: Any) -> None:
+        assert failed is opened
         left.append(1)
         opened.fails = ""
 

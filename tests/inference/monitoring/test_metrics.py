@@ -19,7 +19,7 @@ from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.monitoring import metrics as metrics_module
 from tokt.inference.monitoring.drift import DriftState
 from tokt.inference.monitoring.metrics import Metrics, RunCollector, parse_metrics
-from tokt.inference.monitoring.run_counts import RunCounts
+from tokt.inference.monitoring.run_counts import CountingParts, RunCounts
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import Fault, Reason
@@ -86,8 +86,8 @@ def test_a_run_s_numbers_are_all_there(
     refuse(senders["refused"])
     log = RunLog(tmp_path / "log.jsonl", "run-x")
     counts = RunCounts(SYSTEM_CLOCK)
-    faults = {"--record rec": "Not a directory"}
-    metrics = serve(counts, SYSTEM_CLOCK, senders=senders, log=log, faults=faults)
+    faults, parts = {"--record rec": "Not a directory"}, CountingParts(log=log)
+    metrics = serve(counts, SYSTEM_CLOCK, senders=senders, parts=parts, faults=faults)
     before = scrape(metrics)
     assert ("tokt_status",) not in before and before["tokt_verdict_latency_seconds_count",] == 0
     folder = make_mission([[], [(4, 4)], [(1, 1)], []])
@@ -164,14 +164,14 @@ def test_what_other_parts_count_is_asked_of_them(hand_clock, serve):
     state = DriftState(True, True, 0.5, 0.25)
     counted = {"frames": 30, "dropped": 1, "written_bytes": 5000, "removed_bytes": 400}
     writer = SimpleNamespace(**counted, fault="the disk is full")
-    watched = {
+    watched: dict[str, Any] = {
         "cameras": SimpleNamespace(
             counts=[left, right], drivers=[SimpleNamespace(failures=n) for n in (0, 3)]
         ),
         "drift": SimpleNamespace(state=state, distances={"lbp_3": 0.5, "lbp_4": 0.1}),
         "recorder": SimpleNamespace(clips=2, writer=writer),
     }
-    metrics = serve(RunCounts(hand_clock), hand_clock, **watched)
+    metrics = serve(RunCounts(hand_clock), hand_clock, parts=CountingParts(**watched))
     found = scrape(metrics)
     assert found["tokt_camera_incomplete_total", "left"] == 2
     assert found["tokt_camera_unpaired_total", "right"] == 4

@@ -16,7 +16,7 @@ from tests.waiting import until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
 from tokt.inference.monitoring import status_line
-from tokt.inference.monitoring.run_counts import RunCounts
+from tokt.inference.monitoring.run_counts import CountingParts, RunCounts
 from tokt.inference.monitoring.status_line import PERIOD_S, StatusLine
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
@@ -126,13 +126,13 @@ def test_warnings_stand_until_they_are_over(counts, hand_clock):
     for name in ("left", "right"):
         counts.event(Event(0.0, "camera_lost", f"the {name} camera is lost", {"camera": name}))
     counts.event(Event(0.0, "drift", "drift: lbp_3"))
-    text = text_of(counts, hand_clock, recorder=recorder)
+    text = text_of(counts, hand_clock, parts=CountingParts(recorder=recorder))
     assert "left camera is lost" in text and "right camera is lost" in text
     assert "drift: lbp_3" in text and "12 recorded" in text
     counts.event(Event(0.0, "camera_back", "", {"camera": "left"}))
     counts.event(Event(0.0, "drift_over", ""))
     recorder.writer.fault = "no space"
-    text = text_of(counts, hand_clock, recorder=recorder)
+    text = text_of(counts, hand_clock, parts=CountingParts(recorder=recorder))
     assert "left" not in text and "right camera is lost" in text and "drift" not in text
     assert "NOT recording: no space" in text
 

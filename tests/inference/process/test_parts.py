@@ -294,7 +294,7 @@ def at_sea(tmp_path_factory, dive, bundle_file) -> Iterator[AtSea]:
     for fault in at_sea.faults:
         fault.make()
     assert sea.kill_runtime()["model"] == "noise/7"
-    until(lambda: all(f"--{fault.option} is not at work" in sea.words() for fault in at_sea.faults))
+    until(lambda: all(f"--{fault.option} is not working" in sea.words() for fault in at_sea.faults))
     yield at_sea
     sea.close()
 
@@ -318,7 +318,7 @@ def test_a_part_that_fails_at_a_restart_joins_later(at_sea, row):
     assert re.search(f"without .*--{fault.option}", health)
     fault.mend()
     until(fault.joined, at_sea.sea.words)
-    until(lambda: f"--{fault.option} " in at_sea.sea.words().rpartition("is at work")[0])
+    until(lambda: f"--{fault.option} " in at_sea.sea.words().rpartition("is working")[0])
     hold_row(row, JOINS, "events `part_failed`, `part_joined`; `tokt_part_failing`")
 
 
@@ -491,7 +491,7 @@ def without_files(tmp_path_factory, dive, bundle_file) -> Iterator[Sea]:
 @pytest.mark.parametrize("row", LATER)
 def test_a_file_that_is_missing_joins_once_it_is_there(without_files, bundle_file, row):
     sea, (option, _) = without_files, LATER[row]
-    until(lambda: f"--{option} is not at work" in sea.words())
+    until(lambda: f"--{option} is not working" in sea.words())
     assert re.search(f"without .*--{option}", sea.until(lambda one: one["model"])["health"])
     if option == "mask":
         cv2.imwrite(
@@ -504,7 +504,7 @@ def test_a_file_that_is_missing_joins_once_it_is_there(without_files, bundle_fil
         (sea.folder / "other.tokt").write_bytes(renamed(bundle_file))
     else:
         calibration_of_drawn(sea.folder / "rig.yml")
-    until(lambda: re.search(f"--{option} .* is at work", sea.words()), sea.words)
+    until(lambda: re.search(f"--{option} .* is working", sea.words()), sea.words)
     sea.until(lambda one: one["model"] and f"--{option}" not in one["health"])
     words = "as without it, and health names the part, which joins once it can"
     hold_row(row, words, "events `part_failed`, `part_joined`")

@@ -113,10 +113,20 @@ def test_a_part_that_is_not_at_work_is_said_and_no_part_of_a_replay(
         port = taken.getsockname()[1]
         about = ("--format", "v2", "--log", log, "--metrics", port)
         done = run_of(folder, bundle_file, receiver.getsockname()[1], *about)
-    assert f"--metrics is not at work: metrics cannot be served on 127.0.0.1:{port}" in done.err
+    assert f"--metrics is not working: metrics cannot be served on 127.0.0.1:{port}" in done.err
     health = [decode(receiver.recv(4096))["health"] for _ in range(3)]
     assert all("without --metrics: metrics cannot be served" in words for words in health)
     assert [line["health"] for line in lines(log)] == health
+    assert same_to_the_bit(log) == 3
+
+
+@pytest.mark.parametrize("policy", ["fallback", "either"])
+def test_a_run_without_its_calibration_is_replayed(make_mission, bundle_file, tmp_path, policy):
+    folder, log = make_mission([[(4, 4)], [], [(2, 7)]]), tmp_path / "log.jsonl"
+    lacks = ("--no-strict", "--calibration", tmp_path / "none.yml", "--policy", policy)
+    run("--source", folder, "--bundle", bundle_file, "--log", log, *lacks)
+    assert [line["status"] for line in lines(log)] == [1, 0, 1]
+    assert all("without --calibration" in line["health"] for line in lines(log))
     assert same_to_the_bit(log) == 3
 
 
