@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 
 from tests.load.soak import plan as soak_plan
-from tests.load.soak.feed import Truth
+from tests.load.soak.feed import Truth, pictures
 from tests.load.soak.plan import EXPECTED, FrameKind, number_of, plan, time_of
+from tests.load.soak.synthetic_frames import bundles
 from tests.load.soak.verdict import growth
 from tokt.inference.config import Limits
+from tokt.inference.frame import Frame
+from tokt.inference.freshness.frozen_frames import StuckFrameDetector
 from tokt.inference.outputs.udp import encode_v1, encode_v2
-from tokt.inference.reason import Fault, Reason
+from tokt.inference.policy.assembly import assemble
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.report import Report
 from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
 
@@ -60,6 +64,24 @@ def test_a_plan_is_the_same_for_all_and_holds_every_kind():
     for start in starts.tolist():
         assert set(kinds[start - repeats : start].tolist()) == {int(FrameKind.SAME)}
         assert kinds[start - repeats - 1] == FrameKind.WATER
+
+
+@pytest.mark.parametrize("kind", FrameKind)
+def test_the_model_says_of_every_kind_what_the_plan_expects(kind):
+    kinds = plan(20_000)
+    first = int(np.flatnonzero(kinds == kind)[0])
+    kinds = kinds[max(first - 20, 0) : first + 3]
+    (model,) = bundles(1)
+    policy, stuck_frames = (
+        assemble("texture", lambda: model, None).policy,
+        StuckFrameDetector(Limits()),
+    )
+    for number, picture in enumerate(pictures(kinds)):
+        fault = Fault(Reason.MISSING, "no picture") if picture is None else NO_FAULT
+        frame = Frame(number, time_of(number), picture, None, fault, timed=True)
+        verdict = policy.judge(stuck_frames.remove(frame)).verdict
+        stuck_frames.prepare()
+        assert (verdict.status, verdict.reason) == EXPECTED[FrameKind(kinds[number])]
 
 
 def test_memory_that_grows_and_memory_that_does_not():
