@@ -11,7 +11,6 @@ import shutil
 import socket
 import subprocess
 import sys
-import threading
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -26,6 +25,7 @@ import numpy as np
 import psutil
 import pytest
 
+from tests.ports import TakenPort
 from tests.waiting import MAX_S, until
 from tokt.features.common.atomic import locked
 from tokt.features.frames.mask_file import mask_file
@@ -131,36 +131,6 @@ def is_served(port: int) -> bool:
         return False
 
 
-class Taken:
-    """A port that another program takes as soon as it is free."""
-
-    def __init__(self, kind: int, port: int) -> None:
-        self._address, self._kind = ("127.0.0.1", port), kind
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._hold, daemon=True)
-
-    def take(self) -> None:
-        self._thread.start()
-
-    def _hold(self) -> None:
-        with socket.socket(socket.AF_INET, self._kind) as taken:
-            if self._kind == socket.SOCK_STREAM:
-                taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            while not self._ended.is_set():
-                try:
-                    taken.bind(self._address)
-                    break
-                except OSError:
-                    time.sleep(0.0005)
-            if self._kind == socket.SOCK_STREAM:
-                taken.listen()
-            self._ended.wait()
-
-    def free(self) -> None:
-        self._ended.set()
-        self._thread.join()
-
-
 def answers(port: int) -> bool:
     """Whether MAVLink comes back from there."""
     mavlink = mavlink_dialect()
@@ -222,8 +192,8 @@ class AtSea:
             env={**os.environ, "PYTHONPATH": path},
         )
         log, record = folder / "logs" / "log.jsonl", folder / "rec"
-        taken = {name: Taken(socket.SOCK_STREAM, port) for name, port in self.ports.items()}
-        taken |= {name: Taken(udp, port) for name, port in self.links.items()}
+        taken = {name: TakenPort(socket.SOCK_STREAM, port) for name, port in self.ports.items()}
+        taken |= {name: TakenPort(udp, port) for name, port in self.links.items()}
         self.faults = [
             PartFault(
                 "the log's folder is a file",
