@@ -100,7 +100,8 @@ fuzz: $(READY)
 	TOKT_FUZZ_EXAMPLES=$${TOKT_FUZZ_EXAMPLES:-100000} $(BIN)/python -m pytest -q tests/fuzz -n 2 \
 		--dist worksteal --timeout=0 --show-capture=no --basetemp=build/fuzz
 
-# 10^6 frames through the whole loop, with everything around it; on a machine that does nothing else.
+# An hour: 10^6 frames through the whole loop, with everything around it and a fault of
+# docs/reference/faults.md each 10^4; on a machine that does nothing else.
 soak: $(READY)
 	$(BIN)/python -m tests.load soak
 

@@ -73,13 +73,20 @@ def scale(
 
 
 @app.command()
-def soak(frames: Frames = None, out: Out = OUT, quick: Quick = False, json: Json = False) -> None:
-    """The whole runtime on a million small frames; exit code 1 if anything was not as asked."""
+def soak(
+    frames: Frames = None,
+    fault_every: Annotated[int | None, Option(help="A fault each so many frames.", min=1)] = None,
+    out: Out = OUT,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """The whole runtime on a million small frames, with faults; exit code 1 if one check fails."""
     from .soak.plan import FULL, QUICK
     from .soak.soak import run_soak
 
     extent = QUICK if quick else FULL
-    _end(run_soak(extent if frames is None else extent.of(frames)), out, json)
+    extent = extent if frames is None else extent.of(frames)
+    _end(run_soak(replace(extent, fault_every=fault_every or extent.fault_every)), out, json)
 
 
 @app.command()

@@ -4,7 +4,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -15,11 +15,16 @@ _END_S = 20
 
 
 @contextmanager
-def program(*arguments: object, said: Path) -> Iterator[subprocess.Popen[str]]:
+def program(
+    *arguments: object,
+    said: Path,
+    start: Sequence[object] = ("-m", "tokt"),
+    env: Mapping[str, str] | None = None,
+) -> Iterator[subprocess.Popen[str]]:
     """Start ``tokt`` with some arguments; `said` gets what it writes to standard error."""
-    command = [sys.executable, "-m", "tokt", *map(str, arguments)]
+    command = [sys.executable, *map(str, (*start, *arguments))]
     with said.open("wb") as sink:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=sink, text=True)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=sink, text=True, env=env)
     with process:
         try:
             yield process

@@ -1,5 +1,6 @@
-"""A soak as a picture: latency over the frames, memory over the frames, and the latency's tail."""
+"""A soak as a picture: latency and memory over the frames, the latency's tail, and the faults."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -7,60 +8,73 @@ from matplotlib.figure import Figure
 
 from tokt.training.evaluation.pictures import figure_png
 
-from .attend import REFUSED, SWITCHED
 from .run import Run
 from .verdict import MAX_TAIL, Soak, growth_words
 
-_DPI = 130
+_DPI = 110
 _BLOCKS = 200
 _LINES = {50.0: "median", 99.0: "p99", 99.9: "p99.9", 100.0: "longest"}
-_MARKS = {SWITCHED: ("#55a868", "another model"), REFUSED: ("#c44e52", "a model refused")}
+_GOES_ON, _RESTARTS, _WRONG, _BLUE = "#55a868", "#dd8452", "#c44e52", "#3b75af"
 
 
 def chart_png(found: Soak) -> bytes:
-    figure = Figure(figsize=(10.5, 9.0), layout="constrained")
-    over_time, memory, tail = figure.subplots(3, 1)
-    _draw_latency(over_time, found.whole)
-    _draw_memory(memory, found)
-    _draw_tail(tail, found)
-    extent = found.whole.extent
+    figure = Figure(figsize=(19.0, 11.0), layout="constrained")
+    places = [["latency", "faults"], ["memory", "faults"], ["tail", "faults"]]
+    axes = figure.subplot_mosaic(places, width_ratios=[1.25, 1.0])
+    _draw_latency(axes["latency"], found)
+    _draw_memory(axes["memory"], found)
+    _draw_tail(axes["tail"], found)
+    _draw_faults(axes["faults"], found)
+    frames, injections = found.whole.extent.frames, found.around.injections
     figure.suptitle(
-        f"tokt: {extent.frames} frames in {found.whole.seconds / 60:.1f} minutes, "
-        f"{found.whole.attendant.asked[SWITCHED]} hot reloads; {found.about['machine']['cpu']}"
+        f"tokt: {frames} frames in {found.whole.seconds / 60:.1f} minutes, {len(injections)} "
+        f"faults, {found.around.restarts} restarts; {found.about['machine']['cpu']}"
     )
     return figure_png(figure, _DPI)
 
 
-def _draw_latency(axes: Any, run: Run) -> None:
-    times = run.age_s[run.age_s > 0] * 1000
-    parts = np.array_split(times, min(_BLOCKS, len(times)))
-    places = np.cumsum([len(part) for part in parts])
+def _draw_latency(axes: Any, found: Soak) -> None:
+    numbers = np.flatnonzero(found.whole.age_s)
+    parts = np.array_split(numbers, min(_BLOCKS, len(numbers)))
+    places = [part[-1] for part in parts]
     for percentile, name in _LINES.items():
-        values = [np.percentile(part, percentile) for part in parts]
+        values = [np.percentile(found.whole.age_s[part] * 1000, percentile) for part in parts]
         axes.plot(places, values, lw=1.0, label=name)
-    for event, (color, words) in _MARKS.items():
-        numbers = [number for name, number in run.happened if name == event]
+    for restarts, color, words in (
+        (False, _GOES_ON, "a fault"),
+        (True, _RESTARTS, "a fault, and a restart"),
+    ):
+        made = [each.number for each in found.around.injections if each.restarts is restarts]
         whole = axes.get_xaxis_transform()
-        if numbers:
-            axes.vlines(numbers, 0, 1, color, ":", words, transform=whole, lw=0.7)
+        if made:
+            axes.vlines(made, 0, 1, color, ":", label=words, transform=whole, lw=0.7)
     axes.set(xlabel="frame", ylabel="arrival to report, ms", yscale="log")
     _dress(axes, ncols=6, loc="upper right")
 
 
 def _draw_memory(axes: Any, found: Soak) -> None:
-    seen = found.whole.attendant
-    frames, resident = seen.column("frames"), seen.column("resident")
-    axes.plot(frames, resident / 1e6, lw=0.8, color="#3b75af")
-    if grown := found.growth:
-        middle = frames[-1] * 0.6, (grown["first_bytes"] + grown["last_bytes"]) / 2e6
-        slope = grown["bytes_per_frame"] / 1e6
-        axes.axline(middle, slope=slope, color="black", lw=1.0, label=growth_words(grown))
+    seen = found.around.attendant
+    given, lives = seen.column("given"), seen.column("life")
+    ends = [0, *(np.flatnonzero(np.diff(lives)) + 1), len(given)]
+    words = f"runtimes: {growth_words(found.growth)}" if found.growth else "runtimes"
+    for name, color, label in (
+        ("resident", _BLUE, words),
+        ("watchdog_resident", "0.4", "their watchdog"),
+    ):
+        for start, end in pairwise(ends):
+            part = slice(start, end)
+            axes.plot(given[part], seen.column(name)[part] / 1e6, color, lw=0.8, label=label)
+            label = ""
     axes.set(xlabel="frame", ylabel="memory, MB", ylim=(0, None))
     _dress(axes)
 
 
 def _draw_tail(axes: Any, found: Soak) -> None:
-    for run, name in ((found.whole, "everything around it"), (found.bare, "the bare loop")):
+    runs: tuple[tuple[Run, str], ...] = (
+        (found.whole, "everything around it, faults too"),
+        (found.bare, "the bare loop"),
+    )
+    for run, name in runs:
         axes.ecdf(run.age_s[run.age_s > 0] * 1000, complementary=True, lw=1.2, label=name)
     median = found.latency["age"]["median_ms"]
     words = f"{MAX_TAIL:g} x the median"
@@ -69,6 +83,25 @@ def _draw_tail(axes: Any, found: Soak) -> None:
     axes.set(xlabel="arrival to report, ms", ylabel="part of frames that took longer")
     axes.set(xscale="log", yscale="log", xlim=(median / 3, None))
     _dress(axes)
+
+
+def _draw_faults(axes: Any, found: Soak) -> None:
+    """Draw for each row the longest silence and its bound; what holds is green."""
+    results = found.faults[::-1]
+    places = np.arange(len(results))
+    bounds, longest = (
+        np.array([getattr(each, name) for each in results], float)
+        for name in ("bound_s", "longest_s")
+    )
+    held = [each.is_heard and not each.missing for each in results]
+    colors = [_GOES_ON if each else _WRONG for each in held]
+    axes.barh(places, longest, color=colors, height=0.6, label="longest silence of v2")
+    axes.plot(bounds, places, "|", color="black", ms=9, label="its bound")
+    words = [f"{each.words} ({each.times})" for each in results]
+    axes.set_yticks(places, words, fontsize=7)
+    axes.set(xlabel="s", xlim=(0, None), ylim=(-1, len(results)))
+    axes.set_title("faults injected, and how often; red: too long, or not reported", fontsize=9)
+    _dress(axes, loc="lower right")
 
 
 def _dress(axes: Any, **legend: Any) -> None:

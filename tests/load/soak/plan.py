@@ -29,6 +29,8 @@ class FrameKind(IntEnum):
     MISSING = 5  # the stream has no picture of it
 
 
+CALM = (FrameKind.WATER, FrameKind.NEAR)
+"""Kinds of which the verdict depends on no frame before."""
 EXPECTED: dict[FrameKind, tuple[int, Reason]] = {
     FrameKind.WATER: (CLEAR, Reason.OK),
     FrameKind.NEAR: (OBSTACLE, Reason.OK),
@@ -41,26 +43,27 @@ EXPECTED: dict[FrameKind, tuple[int, Reason]] = {
 _FAULTS = (FrameKind.FROZEN, FrameKind.DARK, FrameKind.MISSING)
 _LENGTHS = {FrameKind.NEAR: (20, 60), **dict.fromkeys(_FAULTS, (1, 5))}
 """Frames that an obstacle or a fault lasts, from and up to."""
-_LAST_EXCHANGE = 0.95
+_LAST_FAULT = 0.99  # part of all frames: then no fault is made any more
 
 
 @dataclass(frozen=True)
 class SoakSize:
     frames: int = 1_000_000
     bare_frames: int = 50_000  # of the same run with nothing around it, to compare with
-    kills: int = 20  # how often the runtime is killed under its watchdog
+    fault_every: int = 10_000  # frames
+    fault_rows: tuple[str, ...] = ()  # the only ones that are injected; all, where there are none
+    kills: int = 20  # how often the runtime is killed under its watchdog, in real time
     rest_s: float = 0.0  # between a frame's end and the next one
     pauses: int = 30  # how often no frame comes to a run in real time
     pause_s: float = 1.3  # and for how long
-    exchange_every_s: float = 60.0  # how often another model becomes active
     look_every_s: float = 1.0  # how often its metrics are asked for, and its memory is looked at
     log_mb: float = 5.0  # of a log file, after which the next one begins
     log_keep: int = 3  # older log files
-    record_mb: float = 20.0  # of the disk, for recordings
+    record_mb: float = 100.0  # of the disk, for recordings: two runtimes' at least
 
     @property
-    def last_exchange(self) -> int:
-        return int(_LAST_EXCHANGE * self.frames)
+    def last_fault(self) -> int:
+        return int(_LAST_FAULT * self.frames)
 
     def of(self, frames: int) -> "SoakSize":
         return replace(self, frames=frames, bare_frames=min(self.bare_frames, frames))
@@ -68,7 +71,15 @@ class SoakSize:
 
 FULL = SoakSize()
 QUICK = SoakSize(
-    3000, 1000, kills=2, rest_s=2e-3, pauses=3, exchange_every_s=3.0, log_mb=0.2, record_mb=1.0
+    frames=3000,
+    bare_frames=1000,
+    fault_every=700,
+    fault_rows=("glare", "the log's file is deleted", "SIGKILL at any moment"),
+    kills=2,
+    rest_s=2e-3,
+    pauses=3,
+    log_mb=0.2,
+    record_mb=10.0,
 )
 
 

@@ -3,88 +3,138 @@
 import json
 import time
 from collections.abc import Sequence
-from contextlib import closing, nullcontext
-from dataclasses import dataclass, replace
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tests.calls import free_port
+import psutil
+
 from tests.load.program import ended, program
 from tokt.features.common.arrays import F64
-from tokt.inference.recording.run_log import events_path
+from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import Bundle
-from tokt.models.store.store import Store
 
-from .attend import Attendant, exchanges
+from .attend import Attendant
 from .feed import Feeder
+from .injector import FaultInjector, Injection, altered_frames, draw_faults
 from .plan import FrameKind, SoakSize, plan
+from .ship import Ship
+from .standstill import Interval, StandstillWatch
+from .synthetic_frames import Models
 
-_AROUND_S = 0.02
-"""Recorded around a detection: so many frames at a soak's pace as at a camera's in two seconds."""
-_SETTLE_S = 30.0
-"""How long the last exchange is waited for: a run looks for a new model between two frames."""
+_LATE_S, _SETTLE_S, _MAX_REST_S = 5e-3, 30.0, 0.5
+"""Rest before each frame while the next fault waits for one that lasts: at least; by which the
+frames that are left last so long; at most, as the watchdog waits for two seconds."""
+_WATCHED = Path(__file__).with_name("watched.py")
+
+
+@dataclass(frozen=True)
+class Around:
+    """What was around a run, and done to it."""
+
+    attendant: Attendant
+    injections: Sequence[Injection]
+    drawn: int  # faults that were to be injected
+    restarts: int
+    standstills: Sequence[Interval]
 
 
 @dataclass(frozen=True)
 class Run:
     extent: SoakSize
-    summary: dict[str, Any]  # what `tokt run --json` said at its end
+    summary: dict[str, Any]  # what `tokt run --json` said at its end: of its last runtime
     heard: dict[str, Any]  # what came of its datagrams
     age_s: F64  # of each frame, from its arrival until its report was sent
     round_trip_s: F64  # from when it was sent until its datagram was here
-    attendant: Attendant | None
+    heard_s: F64  # when that was, in seconds of `time.monotonic`
+    silences: Sequence[Interval]  # longer ones
     seconds: float
-    happened: Sequence[tuple[str, int]] = ()
-    """What is in its log besides frames, and the number of the last frame before it."""
+    around: Around | None = field(default=None)
 
 
-def whole_run(folder: Path, extent: SoakSize, models: Sequence[Bundle]) -> Run:
-    (folder / "log").mkdir(parents=True)
-    store = Store(folder / "store")
-    store.deploy(models[0], "the first")
-    port, log = free_port(), folder / "log" / "run.jsonl"
-    options = ["--store", store.path, "--metrics", port, "--log", log]
-    options += ["--log-max-mb", extent.log_mb, "--log-keep", extent.log_keep]
-    options += ["--record", folder / "record", "--record-mb", extent.record_mb]
-    options += ["--record-before", _AROUND_S, "--record-after", _AROUND_S]
+def whole_run(folder: Path, extent: SoakSize, models: Models) -> Run:
+    """Run under the watchdog, with everything around the loop, and inject faults."""
+    kinds = plan(extent.frames)
+    drawn = draw_faults(kinds, extent)
+    with ExitStack() as opened:
+        feeder = opened.enter_context(closing(Feeder(kinds, altered_frames(drawn))))
+        ship = opened.enter_context(closing(Ship(folder, extent, models, feeder)))
+        standstills = opened.enter_context(StandstillWatch())
+        process = opened.enter_context(
+            program(
+                *("run", *_options(feeder), *ship.options),
+                said=ship.stderr,
+                start=("-P", _WATCHED),
+                env=ship.env,
+            )
+        )
+        ship.process = psutil.Process(process.pid)
+        attendant, injector = Attendant(ship, extent), FaultInjector(ship, drawn, extent)
 
-    steps = exchanges(store, models)
-    run = _run(folder, extent, options, lambda pid: Attendant(pid, port, steps, extent))
-    lines = map(json.loads, events_path(log).read_text("utf-8").splitlines())
-    happened = [(line["event"], line["seq"] - 1) for line in lines]
-    return replace(run, happened=happened)
+        def rest(number: int, kind: FrameKind) -> None:
+            # Not among repeated pictures: how long they were the same counts, too.
+            is_late = kind is FrameKind.WATER and injector.is_late(number)
+            late_s = min(max(_SETTLE_S / (extent.frames - number), _LATE_S), _MAX_REST_S)
+            time.sleep(extent.rest_s + (late_s if is_late else 0))
+
+        start = time.monotonic()
+        try:
+            with injector, attendant:
+                feeder.run(rest)
+        except ToktError:
+            raise ended("run", process, ship.stderr) from None
+        summary = _end(process, ship.stderr)
+        around = Around(
+            attendant, injector.injections, len(drawn), ship.restarts(), standstills.gaps()
+        )
+        return _run_of(extent, summary, feeder, start, around)
 
 
 def bare_run(folder: Path, extent: SoakSize, model: Bundle) -> Run:
+    """Run the loop with nothing around it."""
     folder.mkdir()
     (folder / "soak.tokt").write_bytes(model.data)
-    return _run(folder, extent, ["--bundle", folder / "soak.tokt"])
-
-
-def _run(folder, extent, options, attendant_of=None) -> Run:
-    kinds, said = plan(extent.frames), folder / "said"
-    settle_s = _SETTLE_S / (extent.frames - extent.last_exchange)
-    with closing(Feeder(kinds)) as feeder:
-        fixed = ["--source", feeder.address, "--policy", "texture", "--json"]
-        fixed += [word for address in feeder.receivers for word in ("--udp", address)]
-        with program("run", *fixed, *options, said=said) as process:
+    said = folder / "said"
+    with closing(Feeder(plan(extent.frames))) as feeder:
+        options = ["run", *_options(feeder), "--bundle", folder / "soak.tokt"]
+        with program(*options, said=said) as process:
             start = time.monotonic()
-            attendant = None if attendant_of is None else attendant_of(process.pid)
-
-            def rest(number: int, kind: FrameKind) -> None:
-                # Not among repeated pictures: how long they were the same counts, too.
-                late = number >= extent.last_exchange and kind is FrameKind.WATER
-                waits = late and attendant is not None and not attendant.settled
-                time.sleep(extent.rest_s + (settle_s if waits else 0))
-
             try:
-                with attendant or nullcontext():
-                    feeder.run(rest)
-            except OSError:
+                feeder.run(lambda number, kind: time.sleep(extent.rest_s))
+            except ToktError:
                 raise ended("run", process, said) from None
-            out = process.stdout.read()
-            if process.wait():
-                raise ended("run", process, said)
-        heard = {**feeder.truth.found, "unlike_the_plan": feeder.truth.worst}
-        times = (feeder.age_s, feeder.round_trip_s)
-        return Run(extent, json.loads(out), heard, *times, attendant, time.monotonic() - start)
+            return _run_of(extent, _end(process, said), feeder, start)
+
+
+def _options(feeder: Feeder) -> list[object]:
+    receivers = [word for address in feeder.receivers for word in ("--udp", address)]
+    return ["--source", feeder.address, "--policy", "texture", "--json", *receivers]
+
+
+def _end(process: Any, said: Path) -> dict[str, Any]:
+    """The summary of the last runtime, once it has ended: one that is stopped has one as well."""
+    out = process.stdout.read()
+    if process.wait():
+        raise ended("run", process, said)
+    return dict(json.loads(out[out.rindex("\n{") if "\n{" in out else 0 :]))
+
+
+def _run_of(
+    extent: SoakSize,
+    summary: dict[str, Any],
+    feeder: Feeder,
+    start: float,
+    around: Around | None = None,
+) -> Run:
+    return Run(
+        extent=extent,
+        summary=summary,
+        heard={**feeder.truth.found, "unlike_the_plan": feeder.truth.worst},
+        age_s=feeder.age_s,
+        round_trip_s=feeder.round_trip_s,
+        heard_s=feeder.heard_s,
+        silences=feeder.silences,
+        seconds=time.monotonic() - start,
+        around=around,
+    )

@@ -1,18 +1,19 @@
 """A soak's frames: small synthetic pictures, and a model that tells them apart.
 
-The pictures are of 180x135 pixels and the grid is as wide, so that a frame is judged in less than
-a millisecond and days at sea go into minutes; every step that a large frame needs is taken.
+The pictures are of 180x135 pixels and the grid is as wide, so that a frame is judged in one or two
+milliseconds and days at sea go into an hour; every step that a large frame needs is taken.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
 
 from tests.load.bundles import content_of, learnt
-from tests.models.parts import SEES_ALL
+from tests.models.parts import SEES_ALL, golden_of
 from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
@@ -90,6 +91,35 @@ def dark(seed: int) -> U8:
 def some(draw: Callable[[int], U8]) -> list[U8]:
     """`PICTURES` different ones of a kind."""
     return [draw(seed) for seed in range(PICTURES)]
+
+
+@dataclass(frozen=True)
+class Models:
+    """Models of one run, all of the same weights."""
+
+    good: tuple[Bundle, Bundle]
+    unproven: Bundle  # its golden values are not what it computes
+    turned: Bundle  # of a camera whose pictures are turned by 90 degrees
+
+
+def models() -> Models:
+    first, second, third, fourth = bundles(4)
+    golden = third.content.golden
+    wrong = replace(golden, decision_values=golden.decision_values + 1.0)
+    shown = [np.ascontiguousarray(np.rot90(draw(0))) for draw in (water, near)]
+    values = [first.model.decision_values(EXTRACTOR.describe(one, GRID)) for one in shown]
+    turned = golden_of(shown, values, [first.model.obstacle_patches(one) for one in values])
+    return Models(
+        (first, second),
+        unproven=_with(third, golden=wrong),
+        turned=_with(fourth, golden=turned, frame_sizes=()),
+    )
+
+
+def _with(bundle: Bundle, **changes: Any) -> Bundle:
+    """The same with another content, whose golden values nobody has looked at."""
+    data = bundle_bytes(replace(bundle.content, **changes))
+    return bundle_from_bytes(data, bundle.label, golden=False)
 
 
 def bundles(versions: int) -> list[Bundle]:
