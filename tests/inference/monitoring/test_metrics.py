@@ -164,14 +164,13 @@ def test_what_other_parts_count_is_asked_of_them(hand_clock, serve):
     state = DriftState(True, True, 0.5, 0.25)
     counted = {"frames": 30, "dropped": 1, "written_bytes": 5000, "removed_bytes": 400}
     writer = SimpleNamespace(**counted, fault="the disk is full")
-    watched: dict[str, Any] = {
-        "cameras": SimpleNamespace(
-            counts=[left, right], drivers=[SimpleNamespace(failures=n) for n in (0, 3)]
-        ),
-        "drift": SimpleNamespace(state=state, distances={"lbp_3": 0.5, "lbp_4": 0.1}),
-        "recorder": SimpleNamespace(clips=2, writer=writer),
-    }
-    metrics = serve(RunCounts(hand_clock), hand_clock, parts=CountingParts(**watched))
+    cameras: Any = SimpleNamespace(
+        counts=[left, right], drivers=[SimpleNamespace(failures=n) for n in (0, 3)]
+    )
+    drift = SimpleNamespace(state=state, distances={"lbp_3": 0.5, "lbp_4": 0.1})
+    recorder: Any = SimpleNamespace(clips=2, writer=writer)
+    parts = CountingParts(recorder=recorder, cameras=cameras)
+    metrics = serve(RunCounts(hand_clock), hand_clock, parts=parts, drift=drift)
     found = scrape(metrics)
     assert found["tokt_camera_incomplete_total", "left"] == 2
     assert found["tokt_camera_unpaired_total", "right"] == 4

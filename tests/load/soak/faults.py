@@ -70,7 +70,7 @@ class SoakFault:
     strike: Callable[[Ship], Strike] | None = None  # how the next frame is sent, after `make`
     restarts: bool = False  # whether the watchdog starts the runtime again
     closes: bool = False  # whether the runtime ends by itself, and closes its parts before
-    part: str = ""  # the option of the part that is not at work meanwhile
+    part: str = ""  # the option of the part that is not working meanwhile
     health: str = ""  # a pattern in the health of a verdict
     words: str = ""  # a pattern in what the run writes to standard error
     once: bool = False  # whether that is told once only, of all times of one runtime
@@ -453,7 +453,7 @@ FAULTS = (
     SoakFault(
         "the recording's folder is deleted",
         make=lambda ship: remove(ship.record),
-        words="the recording was taken away and begins anew",
+        words="the recording was taken away and restarted",
         ready=has_recorded,
     ),
     SoakFault("a MAVLink link whose other end sends garbage", make=flood),

@@ -124,9 +124,9 @@ class Evidence:
         if fault.part:
             option = f"--{fault.part}"
             yield f"{option} in health", matches(f"without .*{option}", heard.healths)
-            yield f"{option} is not at work", f"{option} is not at work" in written
-            at_work = re.search(rf"{option} \S* ?is at work", written)
-            yield f"{option} is at work", at_work or not mended
+            yield f"{option} is not working", f"{option} is not working" in written
+            at_work = re.search(rf"{option} \S* ?is working", written)
+            yield f"{option} is working", at_work or not mended
         yield "seen", fault.seen(self._ship)
         counts = self._counts(mended)
         grown = self._grown(counts)
