@@ -5,6 +5,7 @@ such as while a detector hangs. One lock keeps their reports in order.
 """
 
 import json
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -99,13 +100,15 @@ class ReportPublisher:
     live: bool
     place: Callable[[], VehiclePlace] = VehiclePlace  # where the vehicle is
     parts_health: Callable[[], Sequence[str]] = tuple
+    first_at_once: bool = False  # whether unknown is due before anything has been said
 
     def __post_init__(self) -> None:
         self._lock = threading.Lock()
         self._seq = 0
         self._latest_frame: Frame | None = None
         self._judging_since: float | None = None
-        self._published_s = self._judged_s = self.clock.monotonic()
+        self._judged_s = self.clock.monotonic()
+        self._published_s = -math.inf if self.first_at_once else self._judged_s
         self._heartbeats: deque[Report] = deque(maxlen=_KEPT_HEARTBEATS)
 
     def begin(self, frame: Frame) -> None:

@@ -74,6 +74,7 @@ class RunState:
             live=self.live,
             place=self.vehicle.place,
             parts_health=lambda: self.parts.health,
+            first_at_once=not self.strict,  # a restart has been silent already
         )
         self._start_events = StartEvents()
         self.observers: list[Observer] = [self._start_events, self.drift, self.counts]

@@ -45,6 +45,14 @@ def test_a_report_has_frame_time_age_and_latency(publisher, sent, hand_clock):
     assert (report.verdict.status, report.verdict.reason) == (CLEAR, Reason.OK)
 
 
+def test_a_restart_says_unknown_at_once(sent, hand_clock):
+    publisher = ReportPublisher([sent], hand_clock, Limits(), live=True, first_at_once=True)
+    for _ in range(2):
+        publisher.heartbeat()
+    (report,) = sent.reports
+    assert (report.seq, report.verdict.status) == (1, UNKNOWN)
+
+
 def test_silence_is_broken_by_unknown_with_the_reason(publisher, sent, hand_clock):
     hand_clock.now += 0.49
     publisher.heartbeat()

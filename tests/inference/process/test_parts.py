@@ -371,6 +371,7 @@ def test_a_start_without_a_source_and_a_model_waits_for_both(lenient, dive, bund
     assert (without_model["status"], without_model["reason"]) == (-1, "no_frame")
     shutil.copy(bundle_file, model)
     verdict = sea.until(lambda one: one["model"])
+    assert sea.said[0]["health"].startswith("no frame has come yet")
     numbers = [one["seq"] for one in sea.said]
     assert numbers == list(range(1, verdict["seq"] + 1))
     hold_row("no source at the start, with `--no-strict`", MISSING, "heartbeats")
